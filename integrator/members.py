@@ -10,11 +10,11 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import kernels
+from contactfusion.integrator.association import paired
 from contactfusion.integrator.cells import cell_list, heaviest
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.nearby import Rows, connected, near
 from contactfusion.integrator.places import CORE
-from contactfusion.integrator.tracks import paired
 from contactfusion.model import Model
 from contactfusion.reason import Reason, Why, millimetres, place_words
 from contactfusion.rule import Condensation, Neighbourhood

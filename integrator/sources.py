@@ -106,6 +106,7 @@ class SourceRecord:
     stale_after: int = 0
     replace: bool = False
     sensitivity: float = 0.0
+    single: bool = False
     found_nothing: bool = False
     resultant: Resultant | None = None
     looked: int | None = None
@@ -139,6 +140,8 @@ class SourceRecord:
         found = cloud.likelihoods.any() or cloud.resultant is not None
         if found or not cloud.notes:
             self.looked = stamp
+        if len(cloud):
+            self.single = cloud.single
         self.resultant = cloud.resultant
         self.found_nothing = not found and not cloud.notes
 

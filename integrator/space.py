@@ -51,7 +51,7 @@ class Space:
         groups, kept = [], []
         for record in records:
             clouds = accepted.get(record.name, [])
-            replaced = clouds and (record.replace or (self._places and clouds[-1].cloud.single))
+            replaced = clouds and (record.replace or (self._places and record.single))
             groups.append(clouds[-1:] if replaced else clouds)
             kept.append(NOTHING if replaced else self._ranges.get(record.name, NOTHING))
         rows, ranges = self._stacked(groups)

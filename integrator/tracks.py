@@ -1,6 +1,5 @@
 """Contacts over time: identity, belief carried from step to step, and what happens to them."""
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,13 +11,12 @@ import numpy as np
 from contactfusion.arrays import FloatArray, frozen
 from contactfusion.contacts import Contact
 from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator.association import NEAR, paired
 from contactfusion.integrator.entries import Entries, Member
 from contactfusion.integrator.kernels import EDGE
 from contactfusion.surface import Anchor, Surface
 from contactfusion.time import NANOSECONDS_PER_SECOND, to_seconds
 
-NEAR = 3.0
-"""A contact is the same as an earlier one within so many standard deviations of both."""
 SLIDING = 0.2
 """Contacts slide no faster [m/s]: since the last news one may be found so much further."""
 SMOOTHING = 0.2
@@ -26,7 +24,7 @@ SMOOTHING = 0.2
 POSSIBLE = 0.01
 """A contact that is less probable is forgotten."""
 MISSED = 0.1
-"""The probability, at least, that a source misses in a step what it found in the one before."""
+"""The probability, at least, that a source misses in a step what it found before."""
 EVEN = 0.5
 """The probability of a contact of which nothing is known."""
 NEVER = -(2**63)
@@ -62,7 +60,7 @@ class Track:
 
     Attributes:
         contact: as it was last found, where it is now.
-        probability: that it exists.
+        probability: that it exists; time alone makes it no more probable.
         believed: that it existed when there last was news of it, be it that it was missed.
         believed_at: then [ns].
         anchor: what its position moves with.
@@ -71,7 +69,7 @@ class Track:
         heard: the newest stamp at which each of these reported it, or missed it [ns].
         is_missed: whether they missed it since they reported it.
         found: where they did, shape (3,) [m], in the frame of contacts.
-        found_at: when that was news [ns].
+        found_at: when that was last said [ns].
         settled: where it was made or last moved to, as `anchor`.
         settled_at: its position then, shape (3,) [m], for surfaces that do not keep their parts.
     """
@@ -141,7 +139,8 @@ class Tracks:
     def clear(self) -> None:
         """Forget all contacts; the next is the first again."""
         self._tracks: list[Track] = []
-        self._before = Step(0, {}, frozenset())
+        self._looked: Mapping[str, int] = {}
+        """As `Step.looks`, of the step before."""
         self._made = 0
 
     def follow(
@@ -160,13 +159,13 @@ class Tracks:
             contact = track.contact
             place = _followed(track.anchor, surface, contact.position)
             track.contact = _moved_to(contact, place)
-            # time alone makes nothing
             track.probability = min(self._later(track, step.now), track.believed)
         pairs = paired(
             [_expected(track, step) for track in self._tracks],
             [member.contact for member in members],
-            [SLIDING * _seconds(step.now - track.found_at) for track in self._tracks],
-            [bool(step.spoke(self._looked_before(each))) for each in heard],
+            [SLIDING * _seconds(step.now - self._still_at(track)) for track in self._tracks],
+            [not step.spoke(track.heard) for track in self._tracks],
+            [bool(self._news(stamps)) for stamps in heard],
         )
         for number, track in enumerate(self._tracks):
             if number in pairs:
@@ -187,7 +186,7 @@ class Tracks:
             for track in self._tracks
             if id(track) in live or track.is_made or track.probability >= POSSIBLE
         ]
-        self._before = step
+        self._looked = step.looks
         reported = [track.contact for track in self._tracks if self._is_reported(track)]
         reported.sort(key=lambda contact: (-round(contact.likelihood, 6), contact.track))
         return tuple(reported), tuple(events)
@@ -201,18 +200,22 @@ class Tracks:
         """The probability of a contact before what is said of it now."""
         return self._after(track.believed, now - track.believed_at)
 
-    def _looked_before(self, names: Iterable[str]) -> dict[str, int]:
-        """The newest stamp at which each of some sources could tell in the step before [ns]."""
-        return {name: self._before.looks.get(name, NEVER) for name in names}
+    def _still_at(self, track: Track) -> int:
+        """Since when a contact may have slid [ns]: there it was found, or said to be still."""
+        if track.is_missed:
+            return track.found_at
+        return max(track.found_at, *(self._looked.get(name, NEVER) for name in track.heard))
+
+    def _news(self, heard: Mapping[str, int]) -> list[str]:
+        """The sources of a contact that told of it after the step before."""
+        return [name for name, stamp in heard.items() if stamp > self._looked.get(name, NEVER)]
 
     def _begun(self, member: Member, heard: Mapping[str, int], step: Step) -> Track:
         """A contact that was not there when its sources looked before."""
-        looked = [name for name in member.given if name in self._before.looks]
-        since = [step.looks[name] - self._before.looks[name] for name in looked]
-        since = [time for time in since if time > 0]
-        if looked and not since:  # they said it before, of another
-            since = [step.now - self._before.now]
-        prior = self._after(0.0, min(since)) if since else EVEN
+        known = self._looked.keys() & member.given.keys()
+        since = [step.looks[name] - self._looked[name] for name in known & {*self._news(heard)}]
+        # what they said before, of another contact, is no news of this one
+        prior = self._after(0.0, min(since, default=0)) if known else EVEN
         probability = _updated(prior, _odds(member.contact.likelihood))
         place = member.contact.position
         here = Anchor(None, place)
@@ -235,31 +238,34 @@ class Tracks:
     def _confirm(self, track: Track, member: Member, heard: Mapping[str, int], step: Step) -> None:
         """Take what is said of a contact now; only what is new makes it more probable or less."""
         gone = {name: stamp for name, stamp in track.heard.items() if name not in heard}
-        new = [name for name, stamp in heard.items() if stamp > track.heard.get(name, NEVER)]
-        prior, factor, withdrawn = track.probability, 1.0, step.spoke(gone)
+        new, withdrawn, dead = self._news(heard), step.spoke(gone), gone.keys() - step.able
+        if not (new or withdrawn or dead):
+            return
+        prior, factor = track.probability, 1.0
         if new:
-            prior, factor = self._later(track, step.now), self._told(member, new, step)
+            factor = self._told(member, new, step)
+            if factor > 1.0 or len(new) == len(heard):
+                prior = self._later(track, step.now)
         elif withdrawn:
             factor = self._missed(track, withdrawn)
-        if not gone.keys() <= step.able:  # what they said has died, and what was believed of it
-            prior = min(prior, member.contact.likelihood)
-        elif not new and not withdrawn:
-            return
+        if max((track.given[name] for name in dead), default=0.0) > max(member.given.values()):
+            prior = min(prior, member.contact.likelihood)  # what was believed has died with them
         self._believe(track, _updated(prior, factor), step.now)
         before, found = track.contact, member.contact
-        away = found.position - before.position
-        track.averaged *= math.exp(-_seconds(step.now - track.found_at) / SMOOTHING)
-        if _squared(away) > found.covariance.trace() / 3.0:  # it has moved on
-            track.averaged = 0.0
-        track.averaged += 1.0
-        place = frozen(before.position + away / track.averaged)
         kept = replace(found, track=before.track, since=before.since)
+        place = before.position
+        if new:
+            away = found.position - place
+            track.averaged *= math.exp(-_seconds(step.now - track.found_at) / SMOOTHING)
+            if _squared(away) > found.covariance.trace() / 3.0:  # it has moved on
+                track.averaged = 0.0
+            track.averaged += 1.0
+            place, track.found_at = frozen(place + away / track.averaged), step.now
         track.contact = _moved_to(kept, place)
         track.given = {  # of what fades, silence says as much as of what stops
             name: max(given, track.given.get(name, 0.0)) for name, given in member.given.items()
         }
-        track.heard, track.is_missed = heard, False
-        track.found, track.found_at = found.position, step.now
+        track.heard, track.is_missed, track.found = heard, False, found.position
 
     def _told(self, member: Member, new: Sequence[str], step: Step) -> float:
         """The factor on the odds of a contact by those of its sources that tell of it anew.
@@ -271,7 +277,7 @@ class Tracks:
             told = _odds(_by_any(member.given[name] for name in new))
             factor *= max(told, 1.0) / _odds(_by_any(member.given.values()))
         for name, each in member.factors.items():
-            if name in step.looks and not step.spoke(self._looked_before([name])):
+            if name in step.looks and step.looks[name] == self._looked.get(name):
                 factor /= each
         return factor
 
@@ -281,16 +287,16 @@ class Tracks:
             self._believe(track, _updated(track.probability, self._missed(track, spoke)), step.now)
             track.heard = {name: step.looks.get(name, at) for name, at in track.heard.items()}
             track.is_missed = True
-        elif not (track.is_missed and step.able.intersection(track.heard)):
-            self._believe(track, 0.0, step.now)  # what was said of it is too old to live
+        elif step.able.isdisjoint(track.heard):  # what was said of it is too old to live
+            self._believe(track, 0.0, step.now)
 
     def _believe(self, track: Track, probability: float, now: int) -> None:
         track.probability = track.believed = probability
         track.believed_at = now
 
     def _missed(self, track: Track, names: Sequence[str]) -> float:
-        """The probability that sources do not find what they found in the step before."""
-        return float(np.prod([max(1.0 - track.given[name], MISSED) for name in names]))
+        """The probability that sources do not find what they found before."""
+        return math.prod(max(1.0 - track.given[name], MISSED) for name in names)
 
     def _is_reported(self, track: Track) -> bool:
         return track.probability >= self.existence - EDGE
@@ -332,78 +338,6 @@ def _expected(track: Track, step: Step) -> Contact:
     if step.spoke(track.heard):
         return track.contact
     return replace(track.contact, position=track.found)
-
-
-def paired(
-    before: Sequence[Contact],
-    now: Sequence[Contact],
-    slid: Sequence[float] | None = None,
-    news: Sequence[bool] | None = None,
-) -> dict[int, int]:
-    """Which contacts, as rows, are the same, those that lie the nearest together.
-
-    What probably exists is paired first, what is reported before what is not, and with what is
-    news before what is not.
-
-    Args:
-        before: contacts.
-        now: those of a step.
-        slid: how far each may have slid meanwhile [m]; without, not at all.
-        news: which of those of the step are; without, all.
-    """
-    if not before or not now:
-        return {}
-    (where, wide), (there, wider) = (
-        (
-            np.array([contact.position for contact in contacts]),
-            np.array([contact.covariance + contact.scatter for contact in contacts]),
-        )
-        for contacts in (before, now)
-    )
-    further = np.zeros(len(before)) if slid is None else np.array(slid)
-    squared = ((where[:, None] - there) ** 2).sum(axis=2)
-    traces = np.trace(wide, axis1=1, axis2=2)[:, None] + np.trace(wider, axis1=1, axis2=2)
-    most = (NEAR * np.sqrt(traces) + further[:, None]) ** 2
-    rows, columns = np.nonzero(squared <= most)  # no width is larger than the trace
-    widths = np.linalg.eigvalsh(wide[rows] + wider[columns])[:, -1]
-    parts = np.full(squared.shape, np.inf)
-    parts[rows, columns] = squared[rows, columns] / (NEAR * np.sqrt(widths) + further[rows]) ** 2
-    parts[parts > 1.0] = np.inf
-    if _is_unique(parts):
-        return _nearest(parts)
-    likely = np.array([contact.likelihood >= EVEN for contact in now])
-    reported = np.array([contact.track > 0 for contact in before])
-    new = np.ones(len(now), np.bool_) if news is None else np.array(news)
-    pairs: dict[int, int] = {}
-    for is_likely, is_reported, is_new in itertools.product((True, False), repeat=3):
-        rows = np.flatnonzero(reported == is_reported)
-        columns = np.flatnonzero((likely == is_likely) & (new == is_new))
-        found = _nearest(parts[np.ix_(rows, columns)])
-        pairs |= {int(rows[row]): int(columns[column]) for row, column in found.items()}
-        parts[[*pairs]], parts[:, [*pairs.values()]] = np.inf, np.inf
-    return pairs
-
-
-def _is_unique(parts: FloatArray) -> bool:
-    """Whether no row and no column is possible in several pairs; arguments as `_nearest`."""
-    possible = np.isfinite(parts)
-    return all(possible.sum(axis=axis).max(initial=0) <= 1 for axis in (0, 1))
-
-
-def _nearest(parts: FloatArray) -> dict[int, int]:
-    """As many pairs of a row and a column as possible, those of the least sum.
-
-    Args:
-        parts: shape (r, c), at most 1; ∞ of no pair.
-    """
-    possible = np.isfinite(parts)
-    rows, columns = np.nonzero(possible)
-    if not _is_unique(parts):
-        from scipy.optimize import linear_sum_assignment
-
-        rows, columns = linear_sum_assignment(np.where(possible, parts, 1.0 + min(parts.shape)))
-    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
-    return {row: column for row, column in pairs if possible[row, column]}
 
 
 def _followed(anchor: Anchor, surface: Surface | None, otherwise: FloatArray) -> FloatArray:

@@ -270,3 +270,114 @@ def test_neighbours_that_slide_together_keep_their_numbers() -> None:
         by_place = sorted(contacts, key=lambda contact: contact.position[0])
         numbers.add(tuple(contact.track for contact in by_place))
     assert len(numbers) == 1
+
+
+def steady(wrong: Said, *, replace: bool = True) -> list[str]:
+    """What happens where a camera sees one contact five times a second, and a skin errs once."""
+    loop, changes = Loop(timeout=0.5), []
+    for step in range(200):
+        if loop.is_due(SLOW):
+            loop.say("camera", (HERE, 0.95), replace=replace)
+        loop.say("skin", *(wrong if step == 115 else ()), replace=replace)
+        changes += happened(loop.step())
+    return changes
+
+
+@pytest.mark.parametrize("away", [0.025, 0.035, 0.045])
+@pytest.mark.parametrize("replace", [True, False])
+def test_a_wrong_cloud_takes_no_contact_from_a_slower_source(away: float, replace: bool) -> None:
+    assert steady((((away, 0.0, 0.0), 0.9),), replace=replace) == ["made"]
+
+
+def test_a_second_contact_by_a_faster_source_gets_a_number_of_its_own() -> None:
+    loop, numbers = Loop(timeout=0.5), set[int]()
+    for step in range(200):
+        if loop.is_due(SLOW):
+            loop.say("camera", (HERE, 0.95))
+        loop.say("skin", *[((0.03, 0.0, 0.0), 0.9)] * (step >= 115))
+        contacts = loop.step().contacts
+        numbers |= {contact.track for contact in contacts if contact.position[0] < 0.01}
+    assert numbers == {1} and {contact.track for contact in contacts} == {1, 2}
+
+
+def test_what_a_source_keeps_is_no_news_where_it_says_something_else() -> None:
+    loop, moved = Loop(timeout=0.5), []
+    for step in range(260):
+        place = [(HERE, 0.95)] * (step < 150) + [((0.07, 0.0, 0.0), 0.95)] * (step == 180)
+        moved += happened(loop.say("skin", *place, replace=False).step())
+    assert moved == ["made", "broken"]
+
+
+@pytest.mark.parametrize("apart", [0.015, 0.018])
+def test_contacts_that_stand_still_keep_their_numbers_where_another_ends(apart: float) -> None:
+    loop = Loop()
+    numbers, before = dict[int, int](), dict[int, int]()
+    for step in range(60):
+        before = numbers if step < 50 else before
+        places = [apart * (number + (step >= 50)) for number in range(3)]
+        fusion = loop.say("skin", *[((x, 0.0, 0.0), 0.95) for x in places]).step()
+        numbers = {round(c.position[0] / apart): c.track for c in fusion.contacts}
+    assert (numbers[1], numbers[2]) == (before[1], before[2]) and numbers[3] == 4
+
+
+@pytest.mark.parametrize(("period", "speed"), [(0.1, 0.15), (0.1, 0.1), (0.2, 0.1)])
+def test_what_a_slower_source_said_is_no_contact_of_its_own(period: float, speed: float) -> None:
+    loop, seen = Loop(period, timeout=0.5), set[tuple[int, ...]]()
+    for _ in range(80):
+        place = ((speed * loop.now, 0.0, 0.0), 0.95)
+        if loop.is_due(0.4):
+            loop.say("skin", place)
+        contacts = loop.say("camera", place).step().contacts
+        seen.add(tuple(contact.track for contact in contacts))
+    assert seen == {(1,)}
+
+
+def test_two_steps_at_one_time_keep_a_contact() -> None:
+    loop = Loop()
+    touched(loop, period=LOOP)
+    for _ in range(5):
+        assert [c.track for c in loop.say("skin", (HERE, 0.95)).step().contacts] == [1]
+        loop.steps -= 1
+        assert [c.track for c in loop.step().contacts] == [1]
+
+
+def test_a_source_that_said_little_takes_no_belief_with_it() -> None:
+    loop, believed = Loop(timeout=0.5), []
+    loop.say("camera", (HERE, 0.12))
+    for _ in range(100):
+        if loop.is_due(0.02):
+            loop.say("skin", (HERE, 0.7))
+        believed += [contact.likelihood for contact in loop.step().contacts]
+    assert min(believed[40:]) > 0.95
+
+
+def test_what_stands_by_does_not_move_a_contact_when_another_source_withdraws() -> None:
+    loop, positions = Loop(), []
+    for _ in range(216):
+        place = ((0.1 * loop.now, 0.0, 0.0), 0.95)
+        if loop.is_due(SLOW):
+            loop.say("skin", place)
+        positions += [c.position[0] for c in loop.say("camera", place).step().contacts]
+    for _ in range(4):
+        positions += [c.position[0] for c in loop.say("camera").step().contacts]
+    assert len(positions) == 220
+    assert (np.diff(positions) >= -1e-9).all()
+
+
+@pytest.mark.parametrize("threshold", [0.1, 0.3])
+def test_time_beside_a_faint_report_makes_no_contact(threshold: float) -> None:
+    loop = Loop(threshold=threshold)
+    for _ in range(100):
+        loop.say("skin").say("camera").step()
+    loop.say("camera", (HERE, 0.6))
+    for _ in range(80):
+        assert not loop.say("skin", (HERE, 0.05)).step().contacts
+
+
+def test_an_empty_cloud_replaces_one_of_a_single_contact() -> None:
+    loop, believed = Loop(period=0.1, threshold=0.1), []
+    for step in range(9):
+        loop.say("wrist", ((0.02 * step, 0.0, 0.0), 0.3), single=True, replace=False)
+        believed += [contact.likelihood for contact in loop.step().contacts]
+        believed += [c.likelihood for c in loop.say("wrist", replace=False).step().contacts]
+    assert max(believed) < 0.5

@@ -187,12 +187,18 @@ def test_a_contact_ends_when_what_was_said_of_it_is_too_old() -> None:
     assert not fusion.contacts and made(fusion) == [("broken", 1)]
 
 
-def test_a_contact_ends_when_its_source_can_no_longer_tell() -> None:
-    stepped = settled()
-    for _ in range(3):
-        stepped.step((HERE, 0.95))
-    fusion = stepped.step(notes=("unhealthy",))
-    assert not fusion.contacts and made(fusion) == [("broken", 1)]
+def test_a_contact_whose_source_cannot_tell_lasts_as_long_as_by_a_silent_one() -> None:
+    def lasts(stepped: Stepped, notes: tuple[str, ...]) -> int:
+        for _ in range(3):
+            stepped.step((HERE, 0.95))
+        for step in range(30):
+            fusion = stepped.step(notes=notes) if notes else stepped.wait(CYCLE)
+            if not fusion.contacts:
+                assert made(fusion) == [("broken", 1)]
+                return step
+        return 30
+
+    assert lasts(settled(), ("unhealthy",)) == lasts(settled(), ()) == 10
 
 
 def test_a_source_that_could_not_tell_for_long_is_believed_at_once() -> None:
