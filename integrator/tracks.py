@@ -212,10 +212,11 @@ class Tracks:
 
     def _begun(self, member: Member, heard: Mapping[str, int], step: Step) -> Track:
         """A contact that was not there when its sources looked before."""
-        known = self._looked.keys() & member.given.keys()
-        since = [step.looks[name] - self._looked[name] for name in known & {*self._news(heard)}]
-        # what they said before, of another contact, is no news of this one
-        prior = self._after(0.0, min(since, default=0)) if known else EVEN
+        news = self._news(heard)
+        since = [step.looks[name] - self._looked[name] for name in news if name in self._looked]
+        if not news:  # its sources said it before, of another contact
+            since = [0]
+        prior = self._after(0.0, min(since)) if since else EVEN
         probability = _updated(prior, _odds(member.contact.likelihood))
         place = member.contact.position
         here = Anchor(None, place)
