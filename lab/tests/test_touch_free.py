@@ -24,6 +24,7 @@ from contactfusion_lab.experiments.touch.trial import (
     run_free,
 )
 from contactfusion_lab.scenes.touch.free import SPEEDS, FreeMotion
+from contactfusion_lab.trials.executor import Local
 from contactfusion_lab.trials.measures import CASE
 from lab.tests.test_touch_experiment import PLACE, SMALL, cloud
 
@@ -111,15 +112,21 @@ def free_trial(pattern: str, touched: bool = False) -> FreeTrial:
     return FreeTrial(Free("box", 0, 1), record)
 
 
-def test_an_alarm_begins_where_there_was_none() -> None:
-    alarms = free.alarms_of([free_trial("x.xx...x")], [DE_MORGAN], PLAN.pipeline)
+def alarms_of(trial: FreeTrial, folder: Path) -> pd.DataFrame:
+    path = folder / "motion.npz"
+    path.write_bytes(content_of_free(trial))
+    return free.alarms_of([path], [DE_MORGAN], PLAN.pipeline, Local(1))
+
+
+def test_an_alarm_begins_where_there_was_none(tmp_path: Path) -> None:
+    alarms = alarms_of(free_trial("x.xx...x"), tmp_path)
     by_row = alarms.set_index("row")
     assert (by_row.loc["tactile", "alarms"], by_row.loc["tactile", "share"]) == (3, 0.5)
     assert by_row.loc["all", "alarms"] == 3 and by_row.loc["force", "alarms"] == 0
 
 
-def test_a_motion_that_touched_something_does_not_count() -> None:
-    alarms = free.alarms_of([free_trial("x.", touched=True)], [DE_MORGAN], PLAN.pipeline)
+def test_a_motion_that_touched_something_does_not_count(tmp_path: Path) -> None:
+    alarms = alarms_of(free_trial("x.", touched=True), tmp_path)
     assert len(alarms) == 0 and not list(free.measures_of(alarms, 0))
 
 

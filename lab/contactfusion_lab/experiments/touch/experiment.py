@@ -1,8 +1,9 @@
 """`experiment touch`: touches, each with a twin in free air, and what comes of them."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, final
 
@@ -43,7 +44,6 @@ from contactfusion_lab.experiments.touch.trial import (
     content_of,
     content_of_free,
     load,
-    load_free,
     run_free,
     run_trial,
 )
@@ -51,7 +51,7 @@ from contactfusion_lab.trials.choices import require_known
 from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import trial_file
 from contactfusion_lab.trials.measures import CASE, parts_of
-from contactfusion_lab.trials.runner import Experiment, Made, run
+from contactfusion_lab.trials.runner import Experiment, Made, ordered, run
 from contactfusion_lab.trials.tables import Units, as_csv, comparisons_text, frame_of, write_results
 
 METHODS = (DEFAULT_METHOD, DE_MORGAN, DE_MORGAN_TUNED, POSTERIOR)
@@ -129,7 +129,7 @@ def run_touch(options: Options, out: Path) -> None:
         options.preset, options.places,
     )  # fmt: skip
     experiment = TouchExperiment(
-        plan, targets, options.repeats, methods, options.draw, options.free
+        plan, targets, options.repeats, methods, options.draw, options.free, options.executor
     )
     require_known(options.draw, experiment.touches(), "touch", "touches")
     run(experiment, options.executor, out)
@@ -147,6 +147,7 @@ class TouchExperiment(Experiment[Touch | Free]):
         methods: how hypotheses are fused.
         draw: touches to draw, by their names; none: one of each object.
         minutes: of free motion.
+        executor: the workers that fuse.
     """
 
     plan: Plan
@@ -155,6 +156,7 @@ class TouchExperiment(Experiment[Touch | Free]):
     methods: Sequence[Method]
     draw: Sequence[str]
     minutes: float
+    executor: Executor = Local()
     trials = "touches"
     suffix = ".npz"
     addable = ("objects",)
@@ -185,7 +187,8 @@ class TouchExperiment(Experiment[Touch | Free]):
         """Evaluate the touches and the free motions of this plan."""
         touches, motions = self._files(out, self.touches()), self._files(out, self.motions())
         if touches:
-            _evaluate(self.plan, touches, motions, self.methods, self.draw, out)
+            workers = self.executor.local
+            _evaluate(self.plan, touches, motions, self.methods, self.draw, workers, out)
 
     def _files(self, out: Path, names: Iterable[str]) -> list[Path]:
         files = (trial_file(out, name, self.suffix) for name in names)
@@ -198,6 +201,7 @@ def _evaluate(
     motions: Sequence[Path],
     methods: Sequence[Method],
     draw: Sequence[str],
+    executor: Executor,
     out: Path,
 ) -> None:
     """Fuse every touch and every motion by every row and method; write tables, files and figures.
@@ -208,21 +212,13 @@ def _evaluate(
         motions: those of its free motions.
         methods: how hypotheses are fused.
         draw: touches to draw, by their names; none: one of each object.
+        executor: workers on this machine.
         out: the folder that takes the results.
     """
     config = plan.pipeline
-    trials = list[Trial]()
-
-    def read() -> Iterator[Trial]:
-        """One whole trial after the other; of each its end is kept."""
-        for path in touched:
-            trial = load(path)
-            trials.append(trial.ending)
-            yield trial
-
-    frame = outcomes_of(read(), methods, config)
+    frame, trials = outcomes_of(touched, methods, config, executor)
     touches = [trial for trial in trials if not trial.touch.short]
-    alarms = free.alarms_of(map(load_free, motions), methods, config)
+    alarms = free.alarms_of(motions, methods, config, executor)
     measures = [
         measure
         for _, part in parts_of(frame).items()
@@ -275,17 +271,18 @@ def _evaluate(
 
 
 def outcomes_of(
-    trials: Iterable[Trial], methods: Sequence[Method], config: PipelineConfig
-) -> pd.DataFrame:
+    files: Sequence[Path], methods: Sequence[Method], config: PipelineConfig, executor: Executor
+) -> tuple[pd.DataFrame, list[Trial]]:
     """Fuse every touch by every row, and again without each modality of two rows.
 
     Args:
-        trials: the clouds of every source.
+        files: the touches.
         methods: how hypotheses are fused.
         config: the pipeline that received the readings of the touches.
+        executor: workers on this machine.
 
     Returns:
-        One row an outcome; ROW, METHOD is the case.
+        One row an outcome; ROW, METHOD is the case. And the end of each touch.
     """
     every = everything(config)
     fewer = [(row, name) for row in (ALL_AND_SIMULATOR, every) for name in row.modalities]
@@ -294,15 +291,25 @@ def outcomes_of(
         for method in methods
         for row, without in [*((row, "") for row in (*ROWS, every)), *fewer]
     ]
-    outcomes = dict[tuple[Method, Row, str], list[Outcome]]((case, []) for case in cases)
-    for trial in trials:
-        for method, row, without in cases:
-            found = outcome(trial, row, method, config, without=without)
-            if row.name in TIMED and not without and not trial.touch.short:
-                found = replace(found, **asdict(course_of(trial, row, method, config)))
-            outcomes[method, row, without].append(found)
-    frame = frame_of(itertools.chain.from_iterable(outcomes.values()), Outcome)
-    return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
+    tasks = {path.name: path for path in files}
+    found = [*ordered(partial(_outcomes, cases=cases, config=config), tasks, executor)]
+    by_case = zip(*(outcomes for outcomes, _ in found), strict=True)
+    frame = frame_of(itertools.chain.from_iterable(by_case), Outcome)
+    frame = frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
+    return frame, [ending for _, ending in found]
+
+
+def _outcomes(
+    path: Path, cases: Sequence[tuple[Method, Row, str]], config: PipelineConfig
+) -> tuple[list[Outcome], Trial]:
+    """What comes of a touch in each case, and its end."""
+    trial, outcomes = load(path), list[Outcome]()
+    for method, row, without in cases:
+        found = outcome(trial, row, method, config, without=without)
+        if row.name in TIMED and not without and not trial.touch.short:
+            found = replace(found, **asdict(course_of(trial, row, method, config)))
+        outcomes.append(found)
+    return outcomes, trial.ending
 
 
 def _summary(trials: Sequence[Trial]) -> dict[str, Any]:

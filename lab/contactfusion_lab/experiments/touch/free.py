@@ -1,7 +1,10 @@
 """Alarms in free motion: contacts that are reported where there is none, by row and method."""
 
-from collections.abc import Iterable, Iterator, Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,8 +14,10 @@ from contactfusion.pipeline_config import PipelineConfig
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch.course import reports
 from contactfusion_lab.experiments.touch.rows import ROWS, everything
-from contactfusion_lab.experiments.touch.trial import FreeTrial
+from contactfusion_lab.experiments.touch.trial import FreeTrial, load_free
+from contactfusion_lab.trials.executor import Executor
 from contactfusion_lab.trials.measures import CASE, CONFIDENCE, Measure, parts_of, resampled
+from contactfusion_lab.trials.runner import ordered
 from contactfusion_lab.trials.tables import cell, frame_of, markdown
 
 MINUTE = 60.0
@@ -42,30 +47,37 @@ class Alarms:
 
 
 def alarms_of(
-    trials: Iterable[FreeTrial], methods: Sequence[Method], config: PipelineConfig
+    files: Sequence[Path], methods: Sequence[Method], config: PipelineConfig, executor: Executor
 ) -> pd.DataFrame:
     """Fuse every motion at 20 Hz by every row; motions that touched something are left out.
 
     Args:
-        trials: the clouds of every source.
+        files: the motions.
         methods: how hypotheses are fused.
         config: the pipeline that received the readings.
+        executor: workers on this machine.
 
     Returns:
         One row a motion, row and method; ROW, METHOD is the case.
     """
-    cases = [(method, row) for method in methods for row in (*ROWS, everything(config))]
-    found = [
+    tasks = {path.name: path for path in files}
+    found = ordered(partial(_alarms_of, methods=methods, config=config), tasks, executor)
+    frame = frame_of(itertools.chain.from_iterable(found), Alarms)
+    return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
+
+
+def _alarms_of(path: Path, methods: Sequence[Method], config: PipelineConfig) -> list[Alarms]:
+    trial = load_free(path)
+    if trial.touched:
+        return []
+    cycles = list(trial.record.cycles(0.0))
+    return [
         _alarms(trial, str(method), row.name, [
             len(places) > 0 for _, places in reports(cycles, row, method, config)
         ])
-        for trial in trials
-        if not trial.touched
-        for cycles in [list(trial.record.cycles(0.0))]
-        for method, row in cases
+        for method in methods
+        for row in (*ROWS, everything(config))
     ]  # fmt: skip
-    frame = frame_of(found, Alarms)
-    return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
 
 
 def _alarms(trial: FreeTrial, method: str, row: str, flags: Sequence[bool]) -> Alarms:
