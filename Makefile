@@ -190,7 +190,7 @@ GRASP := $(BIN)/contactfusion experiment grasp --seed 5000
 FELT := --sources force_torque+motion --sources all --sources none
 
 show-grasp: $(READY)
-	@echo "about 2 hours"
+	@echo "2 to 4 hours on two cores; started again, it goes on where it was stopped"
 	$(GRASP) --repeats 200 --record bottle-000 --out out/grasp/bottle
 	$(GRASP) --repeats 100 --objects mug,carton $(FELT) --out out/grasp/objects
 	for fault in dead_wrench zero_skin; do \
