@@ -28,7 +28,7 @@ class Space:
         grid: the frame and voxel size.
         config: timeout and expiry.
         places: whether entries keep the places of their hypotheses, or only the voxel; if so, a
-            cloud that describes one contact replaces what its source said before.
+            cloud that describes one contact replaces what its source said at earlier stamps.
     """
 
     def __init__(self, grid: Grid, config: IntegratorConfig, *, places: bool) -> None:
@@ -52,8 +52,12 @@ class Space:
         for record in records:
             clouds = accepted.get(record.name, [])
             replaced = clouds and (record.replace or (self._places and record.single))
-            groups.append(clouds[-1:] if replaced else clouds)
             kept.append(NOTHING if replaced else self._ranges.get(record.name, NOTHING))
+            if replaced and record.replace:
+                clouds = clouds[-1:]
+            elif replaced:  # those of one stamp are one
+                clouds = [each for each in clouds if each.stamp == clouds[-1].stamp]
+            groups.append(clouds)
         rows, ranges = self._stacked(groups)
         out = _room(*_most(kept, ranges), places=self._places)
         old_range, row_range = _as_array(kept), _as_array(ranges)
