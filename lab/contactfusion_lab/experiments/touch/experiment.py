@@ -14,7 +14,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.faults import read_faults
 from contactfusion.files import write_whole
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.terminal import note
+from contactfusion.terminal import Progress, note
 from contactfusion_lab.experiments.methods import (
     DE_MORGAN,
     DE_MORGAN_TUNED,
@@ -292,7 +292,10 @@ def outcomes_of(
         for row, without in [*((row, "") for row in (*ROWS, every)), *fewer]
     ]
     tasks = {path.name: path for path in files}
-    found = [*ordered(partial(_outcomes, cases=cases, config=config), tasks, executor)]
+    found, progress = list[tuple[list[Outcome], Trial]](), Progress("touches fused", len(files))
+    for fused in ordered(partial(_outcomes, cases=cases, config=config), tasks, executor):
+        found.append(fused)
+        progress.add(1)
     by_case = zip(*(outcomes for outcomes, _ in found), strict=True)
     frame = frame_of(itertools.chain.from_iterable(by_case), Outcome)
     frame = frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
