@@ -10,6 +10,8 @@ from contactfusion.contacts import NONE, Contact
 
 NEAR = 3.0
 """A contact is the same as an earlier one within so many standard deviations of both."""
+STALE = 0.5
+"""The least cost of what is no news, in parts of the largest."""
 LIKELY = 0.5
 """What is less probable is associated after all else."""
 
@@ -23,9 +25,10 @@ def paired(
 ) -> dict[int, int]:
     """Which contacts, as rows, are the same (method §3).
 
-    First what is reported, of which nothing new is said, is paired with what is no news. Then, of
-    what probably exists before what does not, what is reported, and what is news: this before
-    distance. Among equals those are paired that lie the nearest together, see `assigned`.
+    First what is reported, of which nothing new is said, is paired with what is no news. Then what
+    is reported with what probably exists, before all else. Among equals those are paired that lie
+    the nearest together, see `assigned`; what is no news lies further away by half of the largest
+    distance squared.
 
     Args:
         before: contacts.
@@ -40,10 +43,11 @@ def paired(
     reported = np.array([contact.track > 0 for contact in before])
     likely = np.array([contact.likelihood >= LIKELY for contact in now])
     new = np.ones(len(now), np.bool_) if news is None else np.array(news)
+    costs[:, ~new] = STALE + (1.0 - STALE) * costs[:, ~new]
     groups = [] if quiet is None else [(reported & np.array(quiet), ~new)]
     groups += [
-        (reported == is_reported, (likely == is_likely) & (new == is_new))
-        for is_likely, is_reported, is_new in itertools.product((True, False), repeat=3)
+        (reported == is_reported, likely == is_likely)
+        for is_likely, is_reported in itertools.product((True, False), repeat=2)
     ]
     pairs: dict[int, int] = {}
     for earlier, later in groups:

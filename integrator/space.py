@@ -51,7 +51,7 @@ class Space:
         groups, kept = [], []
         for record in records:
             clouds = accepted.get(record.name, [])
-            replaced = clouds and (record.replace or (self._places and record.single))
+            replaced = clouds and (record.replace or self._is_outdated(record, clouds[-1].stamp))
             kept.append(NOTHING if replaced else self._ranges.get(record.name, NOTHING))
             if replaced and record.replace:
                 clouds = clouds[-1:]
@@ -80,6 +80,12 @@ class Space:
     def clear(self) -> None:
         """Drop all entries."""
         self._ranges.clear()
+
+    def _is_outdated(self, record: SourceRecord, stamp: int) -> bool:
+        """Whether a cloud of a stamp [ns] replaces what a source said of its single contact."""
+        begin, end, _ = self._ranges.get(record.name, NOTHING)
+        newest = self._columns.stamps[begin:end].max(initial=ALWAYS)
+        return self._places and record.single and bool(newest < stamp)
 
     def _source(self, record: SourceRecord, now: int) -> Source:
         lifetime = self._voxel_timeout if self._by_voxel else record.timeout

@@ -1,7 +1,7 @@
 """Contacts over time: identity, belief carried from step to step, and what happens to them."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from contactfusion.time import NANOSECONDS_PER_SECOND, to_seconds
 SLIDING = 0.2
 """Contacts slide no faster [m/s]: since the last news one may be found so much further."""
 SMOOTHING = 0.2
-"""Time over which the position of a contact at rest is averaged [s]."""
+"""Time over which the position of a contact at rest is averaged, and what was said fades [s]."""
 POSSIBLE = 0.01
 """A contact that is less probable is forgotten."""
 MISSED = 0.1
@@ -65,8 +65,9 @@ class Track:
         believed_at: then [ns].
         anchor: what its position moves with.
         averaged: number of steps of which its position is the mean.
-        given: the highest probability of a contact by each of its sources.
+        given: the highest probability of a contact by each of its sources of late.
         heard: the newest stamp at which each of these reported it, or missed it [ns].
+        denied: those of sources that took back what they said, which others stand by.
         is_missed: whether they missed it since they reported it.
         found: where they did, shape (3,) [m], in the frame of contacts.
         found_at: when that was last said [ns].
@@ -82,6 +83,7 @@ class Track:
     averaged: float
     given: Mapping[str, float]
     heard: Mapping[str, int]
+    denied: Mapping[str, float]
     is_missed: bool
     found: FloatArray
     found_at: int
@@ -229,6 +231,7 @@ class Tracks:
             averaged=1.0,
             given=member.given,
             heard=heard,
+            denied={},
             is_missed=False,
             found=place,
             found_at=step.now,
@@ -244,7 +247,7 @@ class Tracks:
             return
         prior, factor = track.probability, 1.0
         if new:
-            factor = self._told(member, new, step)
+            factor = self._told(member, heard, new, step)
             if factor > 1.0 or len(new) == len(heard):
                 prior = self._later(track, step.now)
         elif withdrawn:
@@ -252,42 +255,74 @@ class Tracks:
         if max((track.given[name] for name in dead), default=0.0) > max(member.given.values()):
             prior = min(prior, member.contact.likelihood)  # what was believed has died with them
         self._believe(track, _updated(prior, factor), step.now)
+        self._hear(track, member, heard, withdrawn, dead, step)
         before, found = track.contact, member.contact
         kept = replace(found, track=before.track, since=before.since)
         place = before.position
         if new:
             away = found.position - place
-            track.averaged *= math.exp(-_seconds(step.now - track.found_at) / SMOOTHING)
+            track.averaged *= _faded(step.now - track.found_at)
             if _squared(away) > found.covariance.trace() / 3.0:  # it has moved on
                 track.averaged = 0.0
             track.averaged += 1.0
             place, track.found_at = frozen(place + away / track.averaged), step.now
         track.contact = _moved_to(kept, place)
-        track.given = {  # of what fades, silence says as much as of what stops
-            name: max(given, track.given.get(name, 0.0)) for name, given in member.given.items()
-        }
-        track.heard, track.is_missed, track.found = heard, False, found.position
+        track.is_missed, track.found = False, found.position
 
-    def _told(self, member: Member, new: Sequence[str], step: Step) -> float:
+    def _told(
+        self, member: Member, heard: Mapping[str, int], new: Sequence[str], step: Step
+    ) -> float:
         """The factor on the odds of a contact by those of its sources that tell of it anew.
 
-        Where others stand by what they said, it takes nothing from that to be less sure.
+        Where others stand by what they said, it takes nothing from that to be less sure. They share
+        the odds of all that each said once in turn. Resultants that speak for it count once; what
+        speaks against it lives as long as its source's entries, as null does.
         """
         factor = _odds(member.contact.likelihood)
-        if len(new) < len(member.given):
-            told = _odds(_by_any(member.given[name] for name in new))
-            factor *= max(told, 1.0) / _odds(_by_any(member.given.values()))
+        if len(new) < len(heard):
+            last = max(self._looked.get(name, NEVER) for name in new)
+            turn = [name for name, stamp in heard.items() if name in new or stamp >= last]
+            doubts = {name: math.log1p(-given) for name, given in member.given.items()}
+            share = sum(doubts[name] for name in new) / sum(doubts[name] for name in turn)
+            alone, together = (
+                _odds(_by_any(member.given[name] for name in names)) for names in (new, turn)
+            )
+            told = max(alone, together**share, 1.0)
+            factor *= told / _odds(_by_any(member.given.values()))
         for name, each in member.factors.items():
-            if name in step.looks and step.looks[name] == self._looked.get(name):
+            if each > 1.0 and name in step.looks and step.looks[name] == self._looked.get(name):
                 factor /= each
         return factor
+
+    def _hear(
+        self,
+        track: Track,
+        member: Member,
+        heard: Mapping[str, int],
+        withdrawn: Sequence[str],
+        dead: Set[str],
+        step: Step,
+    ) -> None:
+        """Keep which sources tell of a contact, how surely, and which took back what they said."""
+        stand = track.heard.keys() - heard.keys() - dead - {*withdrawn}
+        faded = _faded(step.now - track.found_at)
+        given = {name: track.given[name] for name in stand}
+        for name, now in member.given.items():
+            given[name] = now + max(track.given.get(name, 0.0) - now, 0.0) * faded
+        denied = {**track.denied, **{name: track.given[name] for name in withdrawn}}
+        track.denied = {name: denied[name] for name in denied.keys() - heard.keys()}
+        track.heard = {**{name: track.heard[name] for name in stand}, **heard}
+        track.given = given
 
     def _miss(self, track: Track, step: Step) -> None:
         """Take it that nothing is said of a contact now."""
         if spoke := step.spoke(track.heard):
             self._believe(track, _updated(track.probability, self._missed(track, spoke)), step.now)
-            track.heard = {name: step.looks.get(name, at) for name, at in track.heard.items()}
-            track.is_missed = True
+            track.given = {**track.denied, **track.given}
+            track.heard = {
+                name: step.looks.get(name, track.heard.get(name, NEVER)) for name in track.given
+            }
+            track.denied, track.is_missed = {}, True
         elif step.able.isdisjoint(track.heard):  # what was said of it is too old to live
             self._believe(track, 0.0, step.now)
 
@@ -359,6 +394,11 @@ def _moved_to(contact: Contact, position: FloatArray) -> Contact:
 
 def _squared(offset: FloatArray) -> float:
     return float(offset @ offset)
+
+
+def _faded(elapsed: int) -> float:
+    """What is left of the past after a time [ns]."""
+    return math.exp(-_seconds(elapsed) / SMOOTHING)
 
 
 def _seconds(time: int) -> float:

@@ -42,7 +42,8 @@ class Loop:
         positions = np.reshape([place for place, _ in said], (-1, 3))
         likelihoods = np.array([p for _, p in said], np.float64)
         spreads = np.full(len(said), 0.004)
-        given = name, HypothesisKind.REGULAR, self.now, "hand", positions, likelihoods
+        stamp = cloud.pop("stamp", self.now)
+        given = name, HypothesisKind.REGULAR, stamp, "hand", positions, likelihoods
         self.integrator.receive(HypothesisCloud(*given, spreads=spreads, **cloud))
         return self
 
@@ -172,13 +173,98 @@ def test_what_was_said_once_is_counted_once_beside_a_faster_source() -> None:
     assert max(believed) < 0.6
 
 
-def test_silence_is_counted_once_beside_a_faster_source() -> None:
-    loop, believed = Loop(), []
-    loop.say("wrist", sensitivity=0.5)
-    for _ in range(19):
-        loop.say("skin", (HERE, 0.6))
-        believed += [contact.likelihood for contact in loop.step().contacts]
-    assert believed[-1] > 0.9
+@pytest.mark.parametrize("period", [0.01, 0.02, 0.05, 0.1])
+@pytest.mark.parametrize(("p", "sensitivity"), [(0.9, 0.95), (0.6, 0.9)])
+def test_silence_speaks_against_each_news_of_a_faster_source(
+    period: float, p: float, sensitivity: float
+) -> None:
+    loop = Loop()
+    for _ in range(300):
+        if loop.is_due(period):
+            loop.say("wrist", sensitivity=sensitivity)
+        assert not loop.say("skin", (HERE, p)).step().contacts
+
+
+@pytest.mark.parametrize("period", [0.01, 0.02, 0.05, 0.1])
+@pytest.mark.parametrize("p", [0.6, 0.9])
+def test_a_stuck_taxel_falls_by_a_wrench_slower_than_the_skin(period: float, p: float) -> None:
+    loop, force = Loop(timeout=0.5), np.array([0.0, 0.0, -5.0])
+    line = (HERE, 0.45), ((0.0, 0.0, 0.01), 0.45)
+    measured = Resultant(force, np.zeros(3), np.zeros(3), 0.1, 0.005)
+    for _ in range(100):
+        if loop.is_due(period):
+            forces = np.tile(force, (2, 1))
+            loop.say("wrist", *line, single=True, forces=forces, resultant=measured)
+        contacts = loop.say("skin", (HERE, 0.95), ((0.06, 0.0, 0.0), p)).step().contacts
+        assert [contact.position[0] < 0.01 for contact in contacts] == [True]
+
+
+@pytest.mark.parametrize("given", [(0.45, 0.45), (0.55, 0.55), (0.3, 0.3, 0.3)])
+def test_sources_that_report_in_turn_make_a_contact_together(given: tuple[float, ...]) -> None:
+    def made_after(phase: int) -> int:
+        loop = Loop()
+        for step in range(200):
+            for number, p in enumerate(given):
+                if step % 3 == phase * number:
+                    said = ((HERE, p),) if step >= 51 else ()
+                    loop.say(f"source_{number}", *said)
+            if loop.step().contacts:
+                return step - 51
+        return 200
+
+    assert made_after(0) <= made_after(1) <= 3 * made_after(0) + 5 < 100
+
+
+@pytest.mark.parametrize(("period", "p"), [(0.05, 0.3), (0.1, 0.8), (0.4, 0.6), (0.4, 0.3)])
+def test_a_contact_that_ends_ends_as_soon_as_its_slower_source_says_so(
+    period: float, p: float
+) -> None:
+    loop, contacts = Loop(timeout=0.5), []
+    for step in range(240):
+        said = step < 121
+        if loop.is_due(period):
+            loop.say("slow", *[(HERE, p)] * said)
+        contacts.append(len(loop.say("fast", *[(HERE, 0.9)] * said).step().contacts))
+    assert contacts[120] == 1
+    assert contacts[121:].index(0) <= round(period / LOOP)
+
+
+def test_a_firm_moment_makes_no_light_touch_flicker() -> None:
+    def broken(first: float) -> int:
+        rng, loop, changes = np.random.default_rng(7), Loop(), list[str]()
+        for step in range(600):
+            said = [(HERE, first if step < 3 else 0.7)] * int(step < 3 or rng.random() > 0.25)
+            changes += happened(loop.say("skin", *said).step())
+        return changes.count("broken")
+
+    assert broken(0.99) <= broken(0.7) + 1
+
+
+@pytest.mark.parametrize("wrong", [0.0125, 0.0155])
+def test_a_wrong_cloud_within_reach_moves_no_contact_of_a_slower_source(wrong: float) -> None:
+    assert steady((((wrong, 0.0, 0.0), 0.9),)) == ["made"]
+
+
+def test_clouds_of_a_single_contact_of_one_stamp_are_one_in_whichever_step_they_arrive() -> None:
+    loop = Loop(period=0.1)
+    halves = [((0.0, 0.0, 0.0), 0.45)], [((0.01, 0.0, 0.0), 0.45)]
+    loop.say("wrist", *halves[0], single=True, replace=False, stamp=0.0).step()
+    (contact,) = (
+        loop.say("wrist", *halves[1], single=True, replace=False, stamp=0.0).step().alone.contacts
+    )
+    assert contact.likelihood == pytest.approx(0.9, abs=0.01)
+
+
+def test_a_note_before_it_is_unplugged_keeps_no_belief_of_a_source() -> None:
+    loop = Loop()
+    for _ in range(100):
+        if loop.is_due(SLOW):
+            loop.say("skin", (HERE, 0.2))
+        loop.say("camera", (HERE, 0.95)).step()
+    loop.say("camera", notes=("unhealthy",)).say("skin", (HERE, 0.2)).step()
+    loop.integrator.unplug("camera")
+    for _ in range(3):
+        assert not loop.step().contacts
 
 
 @pytest.mark.parametrize(("threshold", "p"), [(0.1, 0.35), (0.3, 0.45)])
