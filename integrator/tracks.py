@@ -304,13 +304,14 @@ class Tracks:
         step: Step,
     ) -> None:
         """Keep which sources tell of a contact, how surely, and which took back what they said."""
-        stand = track.heard.keys() - heard.keys() - dead - {*withdrawn}
+        ended = heard.keys() | dead | {*withdrawn}
+        stand = [name for name in track.heard if name not in ended]  # in order: bytes hang on it
         faded = _faded(step.now - track.found_at)
         given = {name: track.given[name] for name in stand}
         for name, now in member.given.items():
             given[name] = now + max(track.given.get(name, 0.0) - now, 0.0) * faded
         denied = {**track.denied, **{name: track.given[name] for name in withdrawn}}
-        track.denied = {name: denied[name] for name in denied.keys() - heard.keys()}
+        track.denied = {name: given for name, given in denied.items() if name not in heard}
         track.heard = {**{name: track.heard[name] for name in stand}, **heard}
         track.given = given
 

@@ -1,5 +1,8 @@
 """Contacts over time by sources that are slower than the loop, or than each other."""
 
+import os
+import subprocess
+import sys
 from collections import deque
 from typing import Any
 
@@ -469,3 +472,35 @@ def test_an_empty_cloud_replaces_one_of_a_single_contact() -> None:
         believed += [contact.likelihood for contact in loop.step().contacts]
         believed += [c.likelihood for c in loop.say("wrist", replace=False).step().contacts]
     assert max(believed) < 0.5
+
+
+HASHED = """
+import numpy as np
+from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+integrator = Integrator(IntegratorConfig(frame="hand", threshold=0.01))
+for number in range(6):
+    integrator.plug(f"source_{number}", replace=True)
+for step in range(200):
+    for number in range(6):  # five end a contact by which a slower one stands
+        if step % 7 == 0 or number:
+            count = int(step % 40 < 25)
+            integrator.receive(
+                HypothesisCloud(
+                    f"source_{number}", HypothesisKind.REGULAR, 0.01 * step, "hand",
+                    np.zeros((count, 3)), np.full(count, 0.21 + 0.07 * number),
+                    spreads=np.full(count, 0.004),
+                )
+            )
+    for contact in integrator.step(0.01 * step).contacts:
+        print(contact.track, contact.likelihood.hex(), contact.position.tobytes().hex())
+"""
+
+
+def test_bytes_do_not_hang_on_the_hashes_of_names() -> None:
+    def printed(seed: str) -> bytes:
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        command = [sys.executable, "-c", HASHED]
+        return subprocess.run(command, env=environment, check=True, capture_output=True).stdout
+
+    first, *others = (printed(str(seed)) for seed in range(4))
+    assert first and others == 3 * [first]
