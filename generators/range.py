@@ -99,10 +99,10 @@ class RangeGenerator(Generator[RangeConfig]):
 
     def prepare(self, robot: RobotModel) -> None:
         """Fit the robot's spheres and the grids of its links, which takes seconds."""
-        robot.spheres  # noqa: B018 it is kept
+        robot.spheres  # noqa: B018 made now and kept, so that no step waits for it
         for link in robot.known_links(self.config.links):
             if link in robot.parts:
-                robot.parts[link].grid  # noqa: B018 it is kept
+                robot.parts[link].grid  # noqa: B018 likewise
 
     def reset(self) -> None:
         """Drop the earlier clouds."""

@@ -83,9 +83,10 @@ class Space:
 
     def _is_outdated(self, record: SourceRecord, stamp: int) -> bool:
         """Whether a cloud of a stamp [ns] replaces what a source said of its single contact."""
+        if not (self._places and record.single):
+            return False
         begin, end, _ = self._ranges.get(record.name, NOTHING)
-        newest = self._columns.stamps[begin:end].max(initial=ALWAYS)
-        return self._places and record.single and bool(newest < stamp)
+        return bool(self._columns.stamps[begin:end].max(initial=ALWAYS) < stamp)
 
     def _source(self, record: SourceRecord, now: int) -> Source:
         lifetime = self._voxel_timeout if self._by_voxel else record.timeout

@@ -247,7 +247,7 @@ class Tracks:
             return
         prior, factor = track.probability, 1.0
         if new:
-            factor = self._told(member, heard, new, step)
+            factor = self._likelihood_ratio(member, heard, new, step)
             if factor > 1.0 or len(new) == len(heard):
                 prior = self._later(track, step.now)
         elif withdrawn:
@@ -269,7 +269,7 @@ class Tracks:
         track.contact = _moved_to(kept, place)
         track.is_missed, track.found = False, found.position
 
-    def _told(
+    def _likelihood_ratio(
         self, member: Member, heard: Mapping[str, int], new: Sequence[str], step: Step
     ) -> float:
         """The factor on the odds of a contact by those of its sources that tell of it anew.
@@ -287,8 +287,8 @@ class Tracks:
             alone, together = (
                 _odds(_by_any(member.given[name] for name in names)) for names in (new, turn)
             )
-            told = max(alone, together**share, 1.0)
-            factor *= told / _odds(_by_any(member.given.values()))
+            ratio = max(alone, together**share, 1.0)
+            factor *= ratio / _odds(_by_any(member.given.values()))
         for name, each in member.factors.items():
             if each > 1.0 and name in step.looks and step.looks[name] == self._looked.get(name):
                 factor /= each
