@@ -319,6 +319,7 @@ class Pipeline:
     def _absorbed(self, generator: AnyGenerator, reading: Reading) -> Sequence[HypothesisCloud]:
         """No clouds: a generator takes note of a reading that a newer one follows."""
         generator.absorb(reading, self.state(reading.stamp))
+        self._keep_resultant(generator, reading.stamp)
         return ()
 
     def collect(self) -> None:
@@ -356,6 +357,8 @@ class Pipeline:
                 f"{source} is {stamp - now:,.3f} s ahead of the step: left out, {OTHER_CLOCK}",
             )
         newest, self._newest = self._newest, {}
+        # what measures resultants goes first: others, such as joint_torque, take these off
+        newest = dict(sorted(newest.items(), key=lambda each: each[0][0] not in self._resultants))
         for (name, _), reading in newest.items():
             if name in self.generators:
                 self._generate(self.generators[name], reading)

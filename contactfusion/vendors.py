@@ -100,7 +100,7 @@ EFFORTS: Mapping[str, Convention] = {
     "ur_actual_current": Convention(
         {"effort": "current"},
         "shoulder_pan_joint to wrist_3_joint [A]; give each its `constant`",
-        columns=r"actual_current.*",
+        columns=r"actual_current(?:_?\d)?",
         compensated=False,
         source="RTDE guide; 31 runs of a UR10e (JKU Linz, ur10e_force_control_comparison): the "
         "current rises against the torque of a contact",

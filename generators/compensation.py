@@ -87,7 +87,7 @@ class BiasEstimate:
         self._stamp = stamp
         samples = min(elapsed / CORRELATED, 1.0)  # as many are independent
         if samples:  # so much that the gain of the bias comes to rest at elapsed / FORGETS
-            self._unsure[0, 0] += elapsed**2 / FORGETS**2 / samples
+            self._unsure[0, 0] += elapsed * min(elapsed, CORRELATED) / FORGETS**2 / samples
         weight = np.array([1.0, *(mass * gravity)])
         reach = self._unsure @ weight
         unknown = float(weight @ reach)

@@ -56,7 +56,7 @@ class ExternalTorque:
         self._dynamics, self._effort, self._gain, self._scale = dynamics, effort, gain, scale
         model = dynamics.model
         self._names = model.joint_names
-        self._turning = np.isinf(model.limits).all(axis=1)
+        self._turning = model.turning
         self._follows = {
             name: model.urdf.mimics[name].joint
             for name in self._names
@@ -83,7 +83,7 @@ class ExternalTorque:
         self._stamp = -np.inf
         self._positions, self._between = np.zeros((2, count))
         self._momentum: FloatArray | None = None
-        self._residual = self._inertial = np.zeros(count)
+        self._residual = self._inertial = self._sticking = np.zeros(count)
         self._found: tuple[FloatArray, FloatArray] | None = None
 
     def update(
@@ -92,7 +92,8 @@ class ExternalTorque:
         """The torques of contacts by joint, and their standard deviations, both of shape (n,).
 
         Args:
-            reading: of the joints; of a stamp that came already it tells nothing new.
+            reading: of the joints; one of the same stamp as the last, or that this has overtaken,
+                changes nothing.
             positions: shape (n,), of all joints of the robot [rad, m].
             gravity: shape (3,) [m/s²], in the root link's frame.
 
@@ -107,7 +108,7 @@ class ExternalTorque:
         if self._effort == "external":
             return efforts, self._deviations(efforts)
         elapsed = reading.stamp - self._stamp
-        if elapsed == 0.0:
+        if -LONGEST < elapsed <= 0.0:
             self.share = 0.0
             return self._found
         is_next = 0.0 < elapsed <= LONGEST
@@ -117,7 +118,7 @@ class ExternalTorque:
         momentum = None if velocities is None else self._dynamics.momentum(positions, velocities)
         self._momentum = momentum
         if before is None or momentum is None or velocities is None:
-            self._residual = self._inertial = np.zeros(len(positions))
+            self._residual = self._inertial = self._sticking = np.zeros(len(positions))
             self._found = None
             return None
         sliding = np.tanh(velocities / SLOW)
@@ -129,8 +130,10 @@ class ExternalTorque:
         self._residual = (self._residual + self._gain * change) / (1.0 + step)
         gained = self._gain * (momentum - before)
         self._inertial = (self._inertial + gained) / (1.0 + step)
+        # what friction held before a joint broke away is in the residual for as long as this lags
         sticking = self._coulomb * (1.0 - sliding**2)
-        deviations = self._deviations(self._residual, self._inertial, sticking)
+        self._sticking = (self._sticking + step * sticking) / (1.0 + step)
+        deviations = self._deviations(self._residual, self._inertial, self._sticking)
         self._found = self._residual, deviations
         return self._found
 

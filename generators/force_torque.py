@@ -161,7 +161,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         first = self._span[0]
         force, torque = wrench[:3], wrench[3:]
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
-        self.resultant = resultant = self._resultant(force, torque, reading, state).moved(pose)
+        self.resultant = resultant = self._resultant(force, torque, reading, state)
         said = (Note.REVERSED,) if self._is_reversed else ()
         if np.linalg.norm(force) < self.least_force:
             self._was_free = True
@@ -202,8 +202,9 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
     def absorb(self, reading: Reading, state: State) -> None:
         """Take note of a wrench, for the tare, the average, the bias and what is watched."""
         assert isinstance(reading, Wrench)
-        if not self._is_dead(reading):
-            self._filtered(reading, state)
+        self.resultant = None
+        if not self._is_dead(reading) and (wrench := self._filtered(reading, state)) is not None:
+            self.resultant = self._resultant(wrench[:3], wrench[3:], reading, state)
 
     def _filtered(self, reading: Wrench, state: State) -> FloatArray | None:
         """The contact's wrench on the robot, shape (6,) [N, N·m]; None before the tare."""
@@ -243,10 +244,11 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
     def _resultant(
         self, force: FloatArray, torque: FloatArray, reading: Wrench, state: State
     ) -> Resultant:
-        """The sum over all contacts on the links that the sensor carries, in its frame."""
+        """The sum over all contacts on the links that the sensor carries, in the grid's frame."""
         deviations = self._force_noise, self._torque_noise
         links = state.carried_by(reading.frame)
-        return Resultant(force, torque, np.zeros(3), *deviations, links)
+        pose = state.frames.pose(state.grid.frame, of=reading.frame)
+        return Resultant(force, torque, np.zeros(3), *deviations, links).moved(pose)
 
     @property
     def waits_for(self) -> str:

@@ -1,7 +1,8 @@
 """Predicted positions of the robot's surface, where contacts are to be expected (F §V-F, Eq 8)."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +37,8 @@ class MotionConfig(GeneratorConfig):
 class MotionGenerator(Generator[MotionConfig]):
     """Support, multi contact: the voxels of the surface at q + Δq (F Eq 8).
 
-    Δq is the speed of the joints, or of the base, times `ahead`; where a reading has no speed, it
-    is that since the last reading of the same joint. The contact may come anywhere on the path: the
+    Δq is the speed of the joints, or of the base, times `ahead`; where a reading has no speed of a
+    joint, it is that since its last reading. The contact may come anywhere on the path: the
     spread of a position holds the path's length over √12.
     """
 
@@ -68,9 +69,9 @@ class MotionGenerator(Generator[MotionConfig]):
             predicted = now.moved(self._driven(reading, state), now.frame)
         else:
             assert isinstance(reading, JointState)
-            self._learn_speeds(reading)
             robot = state.posed_robot(self.name)
             names = robot.model.joint_names
+            self._learn_speeds(reading, {*compress(names, robot.model.turning.tolist())})
             if not self._speeds.keys() & set(reading.names) & set(names):
                 return ()
             speeds = robot.model.speeds(self._speeds)
@@ -88,23 +89,30 @@ class MotionGenerator(Generator[MotionConfig]):
             ),
         )
 
-    def _learn_speeds(self, reading: JointState) -> None:
+    def _learn_speeds(self, reading: JointState, turning: Collection[str]) -> None:
         """Update the speed of each joint [rad/s, m/s].
 
         Arm and hand may report in readings of their own, even with one stamp: each joint has a last
         reading of its own, and keeps its speed until the next.
+
+        Args:
+            reading: of some joints.
+            turning: the joints without limits, whose positions may leap by a turn.
         """
+        positions, speeds = reading.positions.tolist(), [math.nan] * len(reading.names)
         if reading.velocities is not None:
-            pairs = zip(reading.names, reading.velocities.tolist(), strict=True)
-            self._speeds |= {name: speed for name, speed in pairs if math.isfinite(speed)}
-            return
-        for name, position in zip(reading.names, reading.positions.tolist(), strict=True):
-            if name in self._last:
-                stamp, before = self._last[name]
-                if reading.stamp <= stamp:
-                    continue
-                self._speeds[name] = (position - before) / (reading.stamp - stamp)
-            self._last[name] = reading.stamp, position
+            speeds = reading.velocities.tolist()
+        for name, position, speed in zip(reading.names, positions, speeds, strict=True):
+            stamp, before = self._last.get(name, (-math.inf, position))
+            if reading.stamp > stamp:
+                self._last[name] = reading.stamp, position
+            moved = position - before
+            if name in turning:
+                moved = math.remainder(moved, math.tau)
+            if math.isfinite(speed):
+                self._speeds[name] = speed
+            elif -math.inf < stamp < reading.stamp:
+                self._speeds[name] = moved / (reading.stamp - stamp)
 
     def _surface(self, state: State) -> Surface:
         if state.robot is not None or self.config.links:

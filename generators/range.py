@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, points_in
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.grid import Grid
@@ -31,6 +32,8 @@ NEIGHBOURS = 20
 SHOWN = 0.1
 """The share of a motion's mean square displacement that must lie along the normals of the surface
 for the motion to be observable."""
+AT_REST = 0.1
+"""The least displacement of the links, as a share of `min_motion`, that has a direction."""
 LEAST = 10
 """The least number of points whose shape can be compared."""
 
@@ -112,12 +115,14 @@ class RangeGenerator(Generator[RangeConfig]):
         """The points of objects that are being touched.
 
         Raises:
-            ConfigurationError: there is no robot to be near to.
+            ConfigurationError: there is no robot to be near to, or its links have no surface.
             RobotError: no link of a name that is configured.
         """
         assert isinstance(reading, PointCloud)
         robot = state.posed_robot(self.name)
         hand = robot.surface_of(self.config.links).points
+        if not len(hand):
+            raise ConfigurationError(f"the links of '{self.name}' have no surface to be near to")
         points = self._around(reading, state, robot, hand)
         counted = _within(points, hand, self.config.around)
         if self.config.evidence == "motion":
@@ -149,8 +154,10 @@ class RangeGenerator(Generator[RangeConfig]):
             for rows in objects:
                 shift = moved_by(sight.points[rows[near[rows]]], before.points, self.config.gap)
                 counted[rows] = shift >= self.config.min_motion
-            forward = (sight.points - sight.hand) @ (sight.hand - before.hand) > 0.0
-            counted &= forward
+            way = sight.hand - before.hand
+            counted &= (sight.points - sight.hand) @ way > 0.0
+            if np.linalg.norm(way) < AT_REST * self.config.min_motion:
+                counted[:] = False  # its direction is noise
         self._sights.append(sight)
         return counted
 

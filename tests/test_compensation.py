@@ -161,3 +161,13 @@ def test_a_load_that_is_heavier_than_said_is_learned_as_the_hand_turns() -> None
     heavier = np.hstack([0.05 * 1.5 * turning, np.zeros((3000, 3))])
     found = left_over(BIAS + heavier, turning, mass=1.5)
     assert np.abs(found[1500:, :3]).mean() < 1.2 * NOISE[0]
+
+
+def test_after_a_long_silence_a_contact_is_none_of_the_bias() -> None:
+    estimate, rng = BiasEstimate(NOISE, 0.6), np.random.default_rng(3)
+    pressed = BIAS + NOISE * (30.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    stamps = [*np.arange(0.0, 30.0, 0.01), *np.arange(150.0, 152.0, 0.01)]
+    for stamp in stamps:
+        wrench = (BIAS if stamp < 100.0 else pressed) + NOISE * rng.standard_normal(6)
+        left = estimate.update(float(stamp), wrench, np.zeros(3), 0.0, touched=False)
+    assert left[0] == pytest.approx(30.0 * NOISE[0], rel=0.2)

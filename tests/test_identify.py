@@ -352,6 +352,61 @@ def test_efforts_that_come_late_are_named(rows_late: int, words: str, tmp_path: 
         tmp_path, rows[50:-50]).warnings)  # fmt: skip
 
 
+@pytest.mark.parametrize("rate", [20.0, 200.0])
+def test_a_delay_is_stated_in_seconds_at_any_rate(rate: float, tmp_path: Path) -> None:
+    rows = table(Joints(), seconds=40.0, rate=rate)
+    late = round(0.2 * rate)
+    shifted = np.column_stack([rows[late:, :8], rows[:-late, 8:]])
+    assert any("its efforts come 200 ms after" in each for each in told(tmp_path, shifted).warnings)
+
+
+def test_rows_that_come_twice_count_once(tmp_path: Path) -> None:
+    config, recording = written(tmp_path, short(seconds=10.0))
+    once = identify_file(config, recording).fields
+    rows = np.load(tmp_path / "free.npy")
+    np.save(tmp_path / "free.npy", np.repeat(rows, 1 + (np.arange(len(rows)) % 20 == 0), axis=0))
+    assert identify_file(config, recording).fields == once
+
+
+def test_a_short_stretch_of_a_slow_recording_is_left_out(tmp_path: Path) -> None:
+    rows = table(Joints(), seconds=30.0, rate=10.0)
+    assert told(tmp_path, np.concatenate([rows[:200], rows[205:210], rows[216:]])).lines
+
+
+def test_a_slow_observer_takes_a_longer_recording(tmp_path: Path) -> None:
+    quick, slow = (
+        told(tmp_path, short(seconds=12.0), generators=of_gain(gain)).fields["robot"]["efforts"]
+        for gain in (10.0, 2.0)
+    )
+    for name in ARM:
+        assert slow[name]["noise"] < 2.0 * quick[name]["noise"]
+    words = refused(tmp_path, short(seconds=12.0), generators=of_gain(1.0))
+    assert "12.0 s are too few for its gain of 1: record 20 s or more" in words
+
+
+def of_gain(gain: float) -> dict[str, Any]:
+    """A generator with an observer of that gain."""
+    arm = {"type": "joint_torque", "sensor": "arm", "effort": "measured", "joints": list(ARM)}
+    return {"arm": {**arm, "gain": gain}}
+
+
+def test_a_joint_without_limits_may_leap_by_a_turn(tmp_path: Path) -> None:
+    urdf = tmp_path / "turning.urdf"
+    text = carrying(None).urdf.path.read_text()
+    first = text.index('<joint name="arm_7" type="revolute">')
+    urdf.write_text(text[:first] + text[first:].replace("revolute", "continuous", 1))
+    robot = {"urdf": "turning.urdf", "still": dict(STILL)}
+    sines = Sines(middle=np.array([0.0, 0.6, 0.0, 1.2, 0.0, 0.8, 3.1]))
+    config, recording = written(tmp_path, table(Joints(), sines=sines, seconds=20.0), robot=robot)
+    smooth = identify_file(config, recording)
+    rows = np.load(tmp_path / "free.npy")
+    rows[:, 7] = (rows[:, 7] + np.pi) % (2.0 * np.pi) - np.pi
+    assert np.abs(np.diff(rows[:, 7])).max() > 6.0
+    np.save(tmp_path / "free.npy", rows)
+    leaping = identify_file(config, recording)
+    assert leaping.fields == smooth.fields and not leaping.warnings
+
+
 def test_velocities_that_are_not_those_of_positions_are_named(tmp_path: Path) -> None:
     config, recording = written(tmp_path, short())
     table = np.load(tmp_path / "free.npy")
@@ -462,6 +517,17 @@ def test_joints_of_a_generator_of_their_own_go_back_to_it(tmp_path: Path) -> Non
     found = told(tmp_path, external(), generators={"arm": arm})
     assert set(found.fields["generators"]["arm"]["joints"]) == set(ARM)
     assert "efforts" not in found.fields["robot"]
+
+
+def test_two_generators_each_weigh_their_own_links(tmp_path: Path) -> None:
+    arms = {
+        name: {"type": "joint_torque", "sensor": "arm", "effort": "measured", "joints": joints}
+        for name, joints in (("inner", list(ARM[:4])), ("outer", list(ARM[4:])))
+    }
+    found = told(tmp_path, short(seconds=20.0), generators=arms)
+    assert set(values(found)) == set(ARM)
+    weighed = found.fields["robot"]["masses"]
+    assert {"link_2", "link_6"} <= set(weighed)
 
 
 def test_the_command_prints_what_it_found_and_writes_it(

@@ -11,14 +11,16 @@ import pytest
 from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, InvalidReadingError
+from contactfusion.frames import inverse, vectors_in
 from contactfusion.generators.external_torque import ExternalTorque
 from contactfusion.generators.joint_torque import SLOW, JointTorqueConfig, JointTorqueGenerator
 from contactfusion.hypotheses import HypothesisCloud, Note, Resultant
 from contactfusion.pipeline_config import CycleConfig
-from contactfusion.readings import JointState
+from contactfusion.readings import JointState, Reading, Wrench
 from contactfusion.robots.description import EffortConfig, RobotConfig
 from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel
+from contactfusion.robots.posed import PosedRobot
 from tests.arms import ARM, BENT, SIGMA, STILL, known, pushed, reading, robot, state, whole
 
 UP = np.array([0.0, 0.0, -9.81])
@@ -156,6 +158,43 @@ def test_after_a_gap_a_hand_that_a_wrist_measures_is_no_contact_of_the_arm(fails
         assert is_blind or not any(len(cloud) for cloud in clouds)
 
 
+@pytest.mark.parametrize("every", [0.05, 0.2])
+@pytest.mark.parametrize("first", ["joints", "wrist"])
+def test_live_a_hand_that_a_wrist_measures_is_no_contact_of_the_arm(
+    first: str, every: float
+) -> None:
+    point, force, push = pushed("palm", 20.0)
+    pose = PosedRobot(robot(), whole(BENT), "base", np.eye(4)).pose_of("wrist_sensor")
+    felt = vectors_in(inverse(pose), np.stack([force, np.cross(point - pose[:3, 3], force)]))
+    wrist = {"type": "force_torque", "sign": "on_robot", "force_noise": 0.1, "torque_noise": 0.005}
+    clouds = list[HypothesisCloud]()
+    running = Pipeline(
+        PipelineConfig(
+            robot=RobotConfig(urdf="contactfusion.robots:arm_hand.urdf", still=STILL, spacing=0.01),
+            generators={
+                "arm": {"type": "joint_torque", "effort": "measured", "joints": known()},
+                "wrist": wrist,
+            },
+            integrator=IntegratorConfig(frame="base"),
+        ),
+        tell=clouds.append,
+    )
+    running.conflates = True  # as live
+    rng, steps = np.random.default_rng(0), 1
+    for stamp in np.arange(0.01, 1.5, 0.01).tolist():
+        noise = SIGMA * rng.standard_normal(len(ARM))
+        joints = reading(HELD - push + noise, BENT, stamp, velocities=REST)
+        wrench = Wrench(stamp=stamp, frame="wrist_sensor", force=felt[0], torque=felt[1])
+        both: tuple[Reading, ...] = (joints, wrench)
+        for each in both if first == "joints" else both[::-1]:
+            running.take(each)
+        if stamp >= steps * every:
+            running.step(stamp)
+            steps += 1
+    arm = [cloud for cloud in clouds if cloud.source == "arm"]
+    assert len(arm) >= 6 and not any(len(cloud) for cloud in arm)
+
+
 def test_positions_are_those_of_the_reading_whatever_a_slow_topic_said() -> None:
     running, felt = pipeline(effort="measured", sensor="fast"), 0
     for number in range(200):
@@ -243,6 +282,37 @@ def test_a_reading_that_comes_twice_says_nothing_new_and_slow_ones_are_named() -
     given = [reading(HELD, BENT, stamp, velocities=REST) for stamp in (0.0, 0.5)]
     assert not arm.generate(given[0], state())
     assert only(arm.generate(given[1], state())).notes == (SLOW,)
+
+
+def test_a_reading_that_a_newer_one_overtook_changes_nothing() -> None:
+    _, _, push = pushed("link_6", 20.0)
+    arm, probable = generator(effort="measured"), list[float]()
+    stamps = [0.01 * number for number in range(100)]
+    stamps[80:82] = stamps[81], stamps[80]
+    for stamp in stamps:
+        clouds = arm.generate(reading(HELD - push, BENT, stamp, velocities=REST), state())
+        probable += [float(cloud.likelihoods.sum()) for cloud in clouds if stamp > 0.705]
+    assert len(probable) == 29 and min(probable) > 0.9
+
+
+@pytest.mark.parametrize("gain", [3.0, 10.0])
+def test_a_joint_that_breaks_away_is_no_contact(gain: float) -> None:
+    coulomb = np.linspace(1.2, 0.2, 7)
+    joints = {
+        name: EffortConfig(noise=0.1, coulomb=each)
+        for name, each in zip(ARM, coulomb.tolist(), strict=True)
+    }
+    arm, positions = generator(effort="measured", joints=joints, gain=gain), BENT.copy()
+    side, found = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0]), list[float]()
+    for stamp in np.arange(0.0, 1.8, 0.005).tolist():
+        speeds = np.full(7, 0.2 * np.clip((stamp - 1.0) / 0.1, 0.0, 1.0))
+        rising = np.full(7, 2.0 if 1.0 < stamp < 1.1 else 0.0)
+        positions = positions + 0.005 * speeds
+        friction = coulomb * (0.9 * side if stamp <= 1.0 else np.tanh(speeds / 0.01))
+        efforts = driven(positions, speeds, rising) + friction
+        given = reading(efforts, positions, stamp, velocities=speeds)
+        found += [float(each.likelihoods.sum()) for each in arm.generate(given, state(positions))]
+    assert len(found) > 300 and max(found) < 0.5
 
 
 def test_a_joint_that_passes_half_a_turn_does_not_leap(tmp_path: Path) -> None:

@@ -168,6 +168,24 @@ def test_a_second_reading_of_one_stamp_changes_no_speed(model: RobotModel) -> No
         assert off_ball(cloud.positions, ARM, 0.1 * np.cos(0.2), 0.1 * np.sin(0.2), 0.0) < 1e-9
 
 
+def test_a_joint_without_limits_that_passes_half_a_turn_does_not_leap(tmp_path: Path) -> None:
+    text = URDF.replace('name="turn" type="revolute"', 'name="turn" type="continuous"')
+    (tmp_path / "pointer.urdf").write_text(text)
+    turning = RobotModel(RobotConfig(urdf=str(tmp_path / "pointer.urdf")))
+    motion = generator(links=("arm",))
+    motion.generate(joints(1.0, turn=3.1, slide=0.0), posed(turning, 3.1))
+    (cloud,) = motion.generate(joints(1.2, turn=-3.1, slide=0.0), posed(turning, -3.1))
+    ahead_by = -3.1 + 0.5 * (2.0 * np.pi - 6.2)
+    assert off_ball(cloud.positions, ARM, 0.1 * np.cos(ahead_by), 0.1 * np.sin(ahead_by), 0) < 1e-9
+
+
+def test_a_joint_whose_speed_is_not_measured_moves_by_its_positions(model: RobotModel) -> None:
+    motion, speeds = generator(links=("arm",)), {"turn": np.nan, "slide": 0.0}
+    motion.generate(joints(1.0, speeds, turn=0.1, slide=0.0), posed(model, 0.1))
+    (cloud,) = motion.generate(joints(1.2, speeds, turn=0.3, slide=0.0), posed(model, 0.3))
+    assert off_ball(cloud.positions, ARM, 0.1 * np.cos(0.4), 0.1 * np.sin(0.4), 0.0) < 1e-9
+
+
 def test_joints_in_readings_of_their_own_move_together(model: RobotModel) -> None:
     motion = generator(links=("tip",))
     assert motion.generate(joints(1.0, turn=0.0), posed(model)) == ()

@@ -93,6 +93,15 @@ def test_a_hand_that_stands_touches_nothing(robot: RobotModel) -> None:
     assert not len(clouds[-1])
 
 
+@pytest.mark.parametrize("trembles", [1e-6, -1e-6])
+def test_a_hand_that_trembles_moves_nowhere(trembles: float, robot: RobotModel) -> None:
+    eye = generator()
+    clouds = [
+        seen(eye, robot, 0.1 * step, trembles * step, cube(0.11 + 0.01 * step)) for step in range(8)
+    ]
+    assert not len(clouds[-1])
+
+
 def test_proximity_is_support_and_needs_no_motion(robot: RobotModel) -> None:
     eye = generator(evidence="proximity")
     cloud = seen(eye, robot, 0.0, 0.0, cube(0.11))
@@ -149,6 +158,12 @@ def test_without_a_robot_it_says_so() -> None:
 def test_an_unknown_link_is_told(robot: RobotModel) -> None:
     with pytest.raises(RobotError, match="unknown link 'hnd': did you mean 'hand'"):
         seen(generator(links=("hnd",)), robot, 0.0, 0.0, cube(0.1))
+
+
+def test_links_without_a_shape_are_named_in_a_sentence(robot: RobotModel) -> None:
+    bare = [name for name in robot.link_names if name not in robot.parts]
+    with pytest.raises(ConfigurationError, match="the links of 'eye' have no surface"):
+        seen(generator(links=(bare[0],)), robot, 0.0, 0.0, cube(0.1))
 
 
 def test_points_within_the_margin_of_the_robot_are_removed(robot: RobotModel) -> None:

@@ -17,6 +17,8 @@ from contactfusion.errors import RobotError
 from contactfusion.frames import pose_at, pose_of
 from contactfusion.readings import JointState
 from contactfusion.robots import model as model_module
+from contactfusion.robots.description import LinkMassConfig, PayloadConfig
+from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from tests.urdfs import ARM_HAND, KUKA, LIMIT, PANDA, REAL, built, joint, link, random_joints, real
@@ -192,6 +194,18 @@ def test_a_joint_that_moves_no_mass_is_told(tmp_path: Path) -> None:
         model.inertias(np.zeros(1))
 
 
+def test_masses_and_payload_of_the_description_are_masses(tmp_path: Path) -> None:
+    hinge = joint("hinge", "base", "arm", axis="0 0 1")
+    bare = built(tmp_path, link("base"), link("arm", BOX), hinge)
+    with pytest.raises(RobotError, match="joint 'hinge' moves no mass: give inertias of arm"):
+        Dynamics(bare).require_inertias()
+    for known in (
+        {"masses": {"arm": LinkMassConfig(mass=1.0, centre_of_mass=(0.1, 0.0, 0.0))}},
+        {"payload": PayloadConfig(frame="arm", mass=1.0)},
+    ):
+        Dynamics(RobotModel(bare.config.model_copy(update=known))).require_inertias()
+
+
 def test_the_jacobian_of_an_unknown_link_is_refused(two_links: RobotModel) -> None:
     with pytest.raises(RobotError, match="unknown link 'uper': did you mean 'upper'"):
         two_links.jacobian("uper", np.zeros(2))
@@ -251,6 +265,17 @@ def test_a_joint_that_mimics_one_that_is_still_follows_it(gripper: RobotModel) -
     assert {*still.positions(None)} == {0.2}
     stays = RobotModel(gripper.config.model_copy(update={"still": {"second": 0.3}}))
     assert {*stays.positions(reading(first=0.6))} == {0.6, 0.3}
+
+
+def test_a_joint_that_was_measured_follows_no_reading_of_others(gripper: RobotModel) -> None:
+    measured = gripper.positions(reading(first=0.6, second=0.45))
+    posed, at = PosedRobot(gripper, measured, "palm", np.eye(4)), gripper.joint_names.index
+    for joints, second in (
+        (reading(first=0.6, second=0.45), 0.45),
+        (reading(other=1.0), 0.45),
+        (reading(first=0.8), 0.5),
+    ):
+        assert posed.with_joints(joints).positions[at("second")] == pytest.approx(second)
 
 
 def test_the_joint_that_others_mimic_is_named_when_it_did_not_come(gripper: RobotModel) -> None:

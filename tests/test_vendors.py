@@ -72,6 +72,9 @@ def test_gravity_is_not_taken_off_twice(load: dict[str, Any]) -> None:
         ("force_torque", "/wrench", ""),
         ("joint_torque", "tau_ext_hat_filtered_3", "franka_tau_ext_hat_filtered"),
         ("joint_torque", "/joint_states", ""),
+        ("joint_torque", "actual_current_5", "ur_actual_current"),
+        ("joint_torque", "actual_current_window_5", ""),
+        ("joint_torque", "actual_current_as_torque_5", ""),
     ],
 )
 def test_a_convention_is_known_by_its_topic_or_column(kind: str, name: str, vendor: str) -> None:

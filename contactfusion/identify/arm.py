@@ -14,7 +14,7 @@ from contactfusion.generators.joint_torque import JointTorqueConfig
 from contactfusion.identify.joints import FAST, FIELDS, Choice, Fit, Mask, Regression
 from contactfusion.identify.recorded import Motion, Recorded
 from contactfusion.identify.report import Identification, plain, stated, table
-from contactfusion.identify.windows import PERIOD, WIDTH, plateaus, windows_of
+from contactfusion.identify.windows import WIDTH, plateaus, windows_of
 from contactfusion.robots.description import EffortConfig, LinkMassConfig, PayloadConfig
 from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel
@@ -32,7 +32,7 @@ LEAST_NOISE = 1e-6
 ASTRAY = 0.3
 """Velocities may differ from those of positions by such a share."""
 LAGS = tuple(range(-20, 21))
-"""Delays of efforts that are tried, in rows of `PERIOD`."""
+"""Delays of efforts that are tried, in rows of windows."""
 LIGHTEST = 0.1
 """The least share of a link's mass that is believed."""
 MASS, CENTRE = 0.1, 0.01
@@ -110,7 +110,8 @@ class Arm:
         spans = [*saturated, *((begin, end) for begin, end, _ in touched)]
         noise = self._noise(regression, choice, used, spans, link, links)
         self._report(found, choice, fit, noise, link)
-        if masses := self._masses(fit, links):
+        masses = self._masses(fit, links)
+        if masses:
             changes = [
                 each.mass / self.model.mass_of(name)[0] - 1.0 for name, each in masses.items()
             ]
@@ -119,7 +120,37 @@ class Arm:
                 f"{100.0 * max(map(abs, changes)):.1f} %; only what loads the joints "
                 "is identifiable"
             )
-            found.fields["robot"]["masses"] = {name: plain(each) for name, each in masses.items()}
+        self._carry(found, choice, fit, masses, link)
+        if masses:
+            held = found.fields["robot"].setdefault("masses", {})
+            held.update({name: plain(each) for name, each in masses.items()})
+
+    def _carry(
+        self,
+        found: Identification,
+        choice: Choice,
+        fit: Fit,
+        masses: dict[str, LinkMassConfig],
+        link: str | None,
+    ) -> None:
+        """Put the payload into the fields; a second one is added to the mass of its link."""
+        robot, payload = found.fields["robot"], self._values(choice, fit, link)[1]
+        if choice.payload[0] and payload is not None:
+            found.lines += self._of_payload(choice, fit, payload)
+            if robot.get("payload", {}).get("mass", 0.0) == 0.0:
+                robot["payload"] = plain(payload)
+                return
+            own = masses.get(payload.frame)
+            mass, centre = self.model.mass_of(payload.frame)
+            if own is not None:
+                mass, centre = own.mass, np.array(own.centre_of_mass)
+            heavier = mass + payload.mass
+            x, y, z = (
+                (mass * centre + payload.mass * np.array(payload.centre_of_mass)) / heavier
+            ).tolist()
+            masses[payload.frame] = LinkMassConfig(mass=heavier, centre_of_mass=(x, y, z))
+        elif self._configured_payload(link)[0] > 0.0 and fit.payload[0] == 0.0:
+            robot.setdefault("payload", {"frame": link, "mass": 0.0})
 
     def _masses(self, fit: Fit, links: Sequence[str]) -> dict[str, LinkMassConfig]:
         """The masses of links as a fit has them."""
@@ -202,7 +233,7 @@ class Arm:
         left = {lag: regression.left_by(lagging[lag], payload, used) for lag in LAGS}
         best = min(LAGS, key=lambda lag: left[lag])
         is_late = abs(best) >= LATE and left[best] < left[0] + np.log(BETTER)
-        return best * PERIOD if is_late else 0.0
+        return best * regression.windows.period if is_late else 0.0
 
     def _values(
         self, choice: Choice, fit: Fit, link: str | None
@@ -241,7 +272,15 @@ class Arm:
             Standard deviations by joint, shape (k,) [N·m, N], and their standard errors.
         """
         stamps, lag = self.motion.stamps, 1.0 / self.config.gain
-        length = max(FOLD, 4.0 * SETTLED * lag)
+        settling = 0.0 if self.config.effort == "external" else SETTLED * lag
+        whole = float(stamps[-1] - stamps[0])
+        if whole < 4.0 * settling:
+            raise RecordingError(
+                f"generators.{self.name}: {whole:.1f} s are too few for its gain of "
+                f"{self.config.gain:g}: record {4.0 * settling:.0f} s or more"
+            )
+        # both halves hold a part, and the observer settles in half of one
+        length = min(max(FOLD, 4.0 * settling), whole / 2.0)
         parts = ((stamps - stamps[0]) // length).astype(int)
         windows = ((regression.windows.stamps - stamps[0]) // length).astype(int)
         left, friction = np.full((2, *self.efforts.shape), np.nan)
@@ -268,7 +307,7 @@ class Arm:
                 )
                 if found is None:  # it begins again
                     begun = stamps[row]
-                elif self.config.effort == "external" or stamps[row] > begun + SETTLED * lag:
+                elif stamps[row] >= begun + settling:
                     left[row], friction[row] = (values[self.numbers] for values in found)
         left[~outside(stamps, spans)] = np.nan
         period = float(np.median(np.diff(stamps)))
@@ -287,7 +326,7 @@ class Arm:
         noise: tuple[FloatArray, FloatArray],
         link: str | None,
     ) -> None:
-        joints, payload = self._values(choice, fit, link)
+        joints, _ = self._values(choice, fit, link)
         shown = {"external": ("offset",), "measured": ("offset", "coulomb", "viscous")}
         columns = shown.get(self.config.effort, FIELDS)
         rows: list[tuple[str, ...]] = [("joint", *columns, "noise")]
@@ -304,11 +343,6 @@ class Arm:
         found.lines += [f"{self.name} ({self.config.effort}), {self._length()}", *table(rows)]
         found.kept += [f"{self.name}: {sentence}" for sentence in choice.kept]
         self._keep(found, effort)
-        if choice.payload[0] and payload is not None:
-            found.lines += self._of_payload(choice, fit, payload)
-            found.fields["robot"]["payload"] = plain(payload)
-        elif self._configured_payload(link)[0] > 0.0 and fit.payload[0] == 0.0:
-            found.fields["robot"]["payload"] = {"frame": link, "mass": 0.0}
 
     def _require_sign(self, regression: Regression, used: Mask) -> None:
         """Refuse efforts of which all that bear a torque fall as it rises.

@@ -16,10 +16,16 @@ from contactfusion.generators.force_torque import ForceTorqueConfig
 from contactfusion.identify.arm import Arm
 from contactfusion.identify.recorded import Recorded
 from contactfusion.identify.report import Identification, plain, rounded, stated
-from contactfusion.identify.wrists import SIGNS, Rest, Weighed, resting, weighed
+from contactfusion.identify.wrists import SIGNS, Rest, Weighed, resting, unloaded, weighed
+from contactfusion.robots.description import LinkMassConfig, PayloadConfig, RobotConfig
+from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.run.configuration import setting_of_file
+from contactfusion.vendors import WRENCHES
 
+BIASES = ("force_bias", "torque_bias")
+CERTAIN = 5.0
+"""A mass of so many standard errors is one."""
 UNITS = {"mass": "kg", "centre_of_mass": "m", "force_bias": "N", "torque_bias": "N·m"}
 
 
@@ -69,27 +75,37 @@ def _identify_wrist(
     rests = resting(recorded.wrenches[name])
     middles = [rest.first + len(rest.wrenches) // 2 for rest in rests]
     gravities = np.array([recorded.gravities[name][row] for row in middles])
+    sign = "on_robot" if config.on_robot() else "by_robot"
+    weightless = config.vendor is not None and WRENCHES[config.vendor].compensated
     try:
-        load = weighed(rests, gravities)
+        load = _beside_driver(rests, gravities, sign) if weightless else weighed(rests, gravities)
     except ConfigurationError as error:
         found.kept.append(f"{name}: {error.problem}")
         return
-    sign = "on_robot" if config.on_robot() else "by_robot"
     if load.sign != sign:
         found.warnings.append(
             f"{name}: gravity says sign {load.sign}, the configuration says {sign}; "
             "nothing of it is identified"
         )
         return
-    fitted, frame = load.fit.compensation, recorded.wrenches[name][0].reading.frame
+    fitted = load.fit.compensation
     options: dict[str, Any] = {"compensation": plain(fitted)}
     if config.load == "robot":
-        options["compensation"] = _bias(recorded, frame, load, rests, gravities)
+        options["compensation"] = _bias(recorded, found, name, load, rests, gravities)
+    elif weightless:
+        options["compensation"] = {each: options["compensation"][each] for each in BIASES}
+        if fitted.mass:
+            found.warnings.append(
+                f"{name}: it carries {fitted.mass:.2f} kg that its driver does not take off: tell "
+                "the driver its payload"
+            )
     options["force_noise"] = rounded(float(np.sqrt(np.mean(load.noise[:3] ** 2))))
     options["torque_noise"] = rounded(float(np.sqrt(np.mean(load.noise[3:] ** 2))))
     found.fields["generators"][name] = options
     found.lines.append(f"{name}, {load.poses} poses at rest")
     for field, unit in UNITS.items():
+        if weightless and field not in BIASES:
+            continue
         values, errors = np.atleast_1d(getattr(fitted, field)), load.errors[field]
         cells = (stated(*pair, unit) for pair in zip(values, errors, strict=True))
         found.lines.append(f"  {field}  {', '.join(cells)}")
@@ -98,19 +114,45 @@ def _identify_wrist(
     )
 
 
+def _beside_driver(rests: Sequence[Rest], gravities: FloatArray, sign: str) -> Weighed:
+    """The bias of a wrist whose driver takes its load off, and weight that it leaves."""
+    try:
+        load = weighed(rests, gravities)
+    except ConfigurationError:  # no weight explains anything
+        return unloaded(rests, sign)
+    (error,) = load.errors["mass"]
+    return load if load.fit.compensation.mass > CERTAIN * error else unloaded(rests, sign)
+
+
 def _bias(
-    recorded: Recorded, frame: str, load: Weighed, rests: Sequence[Rest], gravities: FloatArray
+    recorded: Recorded,
+    found: Identification,
+    name: str,
+    load: Weighed,
+    rests: Sequence[Rest],
+    gravities: FloatArray,
 ) -> dict[str, Any]:
-    """The compensation beside a load that follows from the robot's URDF: biases alone."""
-    model = recorded.model
-    if model is None:
+    """The compensation beside a load that follows from the robot: biases alone."""
+    if recorded.config.robot is None:
         raise ConfigurationError("a load of the robot needs a robot by URDF")
-    left = []
+    link, mount = recorded.mounts[name]
+    model, left = _as_identified(recorded.config.robot, found), list[FloatArray]()
     for rest, gravity in zip(rests, gravities, strict=True):
         robot = PosedRobot(model, rest.positions, model.root, np.eye(4))
-        mass, centre = robot.load_on(frame)
-        x, y, z = points_in(inverse(robot.pose_of(frame)), centre[None])[0].tolist()
+        mass, centre = robot.load_on(link)
+        x, y, z = points_in(inverse(robot.poses[link] @ mount), centre[None])[0].tolist()
         carried = Compensation(mass=mass, centre_of_mass=(x, y, z))
         left.append(SIGNS[load.sign] * rest.wrench - carried.contactless(gravity))
     bias = np.mean(left, axis=0)
     return {"force_bias": rounded(bias[:3].tolist()), "torque_bias": rounded(bias[3:].tolist())}
+
+
+def _as_identified(config: RobotConfig, found: Identification) -> RobotModel:
+    """The robot with the payload and the masses that it will have by what was identified."""
+    fields, update = found.fields["robot"], dict[str, Any]()
+    if "payload" in fields:
+        update["payload"] = PayloadConfig(**fields["payload"])
+    if "masses" in fields:
+        masses = {name: LinkMassConfig(**each) for name, each in fields["masses"].items()}
+        update["masses"] = {**config.masses, **masses}
+    return RobotModel(config.model_copy(update=update))

@@ -153,7 +153,7 @@ class Regression:
         """Mark what is not identifiable of a joint, in place; a sentence on each reason."""
         windows, name, kept = self.windows, self.names[joint], list[str]()
         speeds, sliding = windows.velocities[used, joint], windows.sliding[used, joint]
-        forward, back = (WIDTH * np.sum(side > FAST) for side in (speeds, -speeds))
+        forward, back = (self.windows.width * np.sum(side > FAST) for side in (speeds, -speeds))
         if forward + back < 2.0 * MOVED:
             identifiable[:] = False
             return [f"{name} hardly moved: all that it bears may be friction at rest"]
@@ -366,11 +366,11 @@ class Regression:
 
     def contacts(self, fit: Fit) -> list[tuple[float, float, tuple[str, ...]]]:
         """When residuals are not those of free motion: begin and end [s], and the joints."""
-        found = []
+        found, width = [], self.windows.width
         for joint, name in enumerate(self.names):
             for side in (fit.residuals[:, joint], -fit.residuals[:, joint]):
-                for begin, end in spans(self.windows.stamps, side > PRESSED, LASTING - WIDTH):
-                    found.append((begin - WIDTH / 2.0, end + WIDTH / 2.0, (name,)))
+                for begin, end in spans(self.windows.stamps, side > PRESSED, LASTING - width):
+                    found.append((begin - width / 2.0, end + width / 2.0, (name,)))
         joined: list[tuple[float, float, tuple[str, ...]]] = []
         for begin, end, names in sorted(found):
             if joined and begin < joined[-1][1] + APART:

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.assembly import built_generator, generator_class
@@ -18,7 +19,7 @@ from contactfusion.errors import (
     RobotError,
     name_hint,
 )
-from contactfusion.frames import vectors_in
+from contactfusion.frames import Pose, vectors_in
 from contactfusion.generators.force_torque import ForceTorqueConfig
 from contactfusion.generators.joint_torque import JointTorqueConfig
 from contactfusion.grid import Grid
@@ -48,7 +49,8 @@ class Motion:
 
     Attributes:
         readings: with the efforts of all joints of the generator, by rising stamps.
-        positions: of all joints of the robot at each, shape (n,) [rad, m].
+        positions: of all joints of the robot at each, shape (n,) [rad, m]; they do not leap by a
+            turn.
         gravities: in the root link's frame at each, shape (3,) [m/s²].
     """
 
@@ -86,8 +88,10 @@ class Recorded:
         joints: the options of its `joint_torque` generators, by name.
         wrists: the options of its `force_torque` generators, by name.
         motions: of the joints, by generator.
-        wrenches: with the joints, by generator.
+        wrenches: with the joints, along the axes of the sensor's frame, by generator.
         gravities: in the sensor's frame at each wrench, shape (3,) [m/s²], by generator.
+        mounts: the link that carries each sensor of a load of the robot, and the sensor's pose
+            there, by generator.
 
     Raises:
         ContactFusionError: the configuration or the recording is not what it should be, or they do
@@ -156,6 +160,7 @@ class Recorded:
         self.motions = {name: Motion([], [], []) for name in self.joints}
         self.wrenches: dict[str, list[Sample]] = {name: [] for name in self.wrists}
         self.gravities: dict[str, Vectors] = {name: [] for name in self.wrists}
+        self.mounts: dict[str, tuple[str, Pose]] = {}
         self._refused: dict[str, ContactFusionError] = {}
         grid = Grid(self.config.integrator.frame, self.config.integrator.voxel_size)
         self._frames, self._states = Robot(self.config, grid), StateBuffer()
@@ -177,6 +182,12 @@ class Recorded:
                     name, RecordingError("the recording holds no reading of it")
                 )
                 raise type(why)(f"generators.{name}: {why}")
+        if self.model is not None:
+            for positions in (
+                *(motion.positions for motion in self.motions.values()),
+                *([each.positions for each in samples] for samples in self.wrenches.values()),
+            ):
+                _unwrap(positions, self.model.turning)
 
     def _fed(self, reading: Reading) -> Iterator[str]:
         """The generators that take a reading."""
@@ -196,15 +207,26 @@ class Recorded:
             positions = self.model.positions(self._states.joints(reading.stamp))
         if isinstance(reading, JointState):
             assert self.model is not None
-            gravity = self._gravity(name, self.model.root, self.joints[name].gravity, reading)
             motion = self.motions[name]
+            if motion.readings and reading.stamp <= motion.readings[-1].stamp:
+                return  # it came twice, or late
+            gravity = self._gravity(name, self.model.root, self.joints[name].gravity, reading)
             motion.readings.append(reading)
             motion.positions.append(positions)
             motion.gravities.append(gravity)
         elif isinstance(reading, Wrench):
-            gravity = self._gravity(name, reading.frame, self.wrists[name].gravity, reading)
+            config = self.wrists[name]
+            gravity = self._gravity(name, reading.frame, config.gravity, reading)
             if self.model is None:  # it rests while gravity does not turn in it
                 positions = gravity / np.linalg.norm(gravity)
+            elif config.load == "robot" and name not in self.mounts:
+                link = self._frames.state(reading.stamp, None).link_of(reading.frame)
+                tree = self._frames.frames(reading.stamp)
+                self.mounts[name] = link, tree.pose(link, of=reading.frame)
+            if config.axes:
+                pose = self._frames.frames(reading.stamp).pose(reading.frame, of=config.axes)
+                force, torque = vectors_in(pose, np.stack([reading.force, reading.torque]))
+                reading = replace(reading, force=force, torque=torque)
             self.wrenches[name].append(Sample(reading, positions))
             self.gravities[name].append(gravity)
 
@@ -218,6 +240,14 @@ class Recorded:
             known = reading.stamp, vectors_in(pose, np.array([gravity]))[0]
             self._down[name, frame] = known
         return known[1]
+
+
+def _unwrap(positions: Vectors, turning: NDArray[np.bool_]) -> None:
+    """Change positions, each of shape (n,), so that joints without limits do not leap by a turn."""
+    if positions and turning.any():
+        steady = np.unwrap(np.array(positions)[:, turning], axis=0)
+        for own, row in zip(positions, steady, strict=True):
+            own[turning] = row
 
 
 def require_efforts(reading: JointState, names: Sequence[str]) -> None:

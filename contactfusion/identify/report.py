@@ -34,9 +34,11 @@ class Identification:
 
 
 def stated(value: float, error: float | None, unit: str) -> str:
-    """A value with its standard error; None: it is as configured."""
+    """A value with its standard error; None: it is as configured; NaN: its error is unknown."""
     if error is None:
         return f"({value:.4g} {unit})"
+    if error != error:
+        return f"{value:.4g} {unit}"
     return f"{value:.4g} ± {error:.2g} {unit}"
 
 

@@ -45,6 +45,8 @@ class Windows:
         velocities: shape (w, k) [rad/s, m/s].
         sticking: share of friction that is unknown as the joint rests, shape (w, k).
         lagging: `efforts` that came so many rows later, by rows.
+        period: between two rows [s].
+        width: of a window [s].
     """
 
     stamps: FloatArray
@@ -56,6 +58,8 @@ class Windows:
     velocities: FloatArray
     sticking: FloatArray
     lagging: dict[int, FloatArray]
+    period: float
+    width: float
 
     @property
     def count(self) -> int:
@@ -87,29 +91,33 @@ def windows_of(
     Raises:
         RecordingError: the motion is too short.
     """
+    apart = np.diff(motion.stamps)
+    period = max(PERIOD, float(np.median(apart))) if len(apart) else PERIOD
     parts = [
-        _windows(stretch, efforts[rows], motion, rows, dynamics, numbers, link, links, lags)
-        for stretch, rows in _stretches(motion.stamps)
+        _windows(stretch, efforts[rows], motion, rows, dynamics, numbers, link, links, lags, period)
+        for stretch, rows in _stretches(motion.stamps, period)
     ]
-    length = WIDTH * sum(len(part.stamps) for part in parts)
+    length = sum(part.width * part.count for part in parts)
     if length < LEAST:
         raise RecordingError(
             f"{length:.1f} s of efforts without a gap over {LONGEST:g} s are too few: move all "
             f"joints for {LEAST:g} s at least, better for a minute"
         )
-    names = [field.name for field in fields(Windows) if field.name != "lagging"]
+    names = [field.name for field in fields(Windows)]
+    arrays = [name for name in names if isinstance(getattr(parts[0], name), np.ndarray)]
     return Windows(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays},
         lagging={lag: np.concatenate([part.lagging[lag] for part in parts]) for lag in lags},
+        period=period,
+        width=parts[0].width,
     )
 
 
-def _stretches(stamps: FloatArray) -> Iterator[tuple[FloatArray, slice]]:
+def _stretches(stamps: FloatArray, period: float) -> Iterator[tuple[FloatArray, slice]]:
     """Stamps without gaps in between, and their rows; those too short for windows are left out."""
-    later = np.diff(stamps)
-    ends = np.flatnonzero((later > LONGEST) | (later <= 0.0)) + 1
+    ends = np.flatnonzero(np.diff(stamps) > LONGEST) + 1
     for first, end in zip([0, *ends], [*ends, len(stamps)], strict=True):
-        if stamps[end - 1] - stamps[first] > 2.0 * SMOOTHED * PERIOD + WIDTH:
+        if stamps[end - 1] - stamps[first] > 2.0 * SMOOTHED * period + WIDTH:
             yield stamps[first:end], slice(first, end)
 
 
@@ -123,18 +131,16 @@ def _windows(
     link: str | None,
     links: Sequence[str],
     lags: tuple[int, ...],
+    period: float,
 ) -> Windows:
     """Of a stretch without gaps."""
-    period = max(PERIOD, float(np.median(np.diff(stamps))))
     edges = np.arange(stamps[0], stamps[-1], period)
-    moved = np.array(motion.positions[rows])
-    turning = np.isinf(dynamics.model.limits).all(axis=1)
-    moved[:, turning] = np.unwrap(moved[:, turning], axis=0)
-    positions = averaged(stamps, moved, edges)
+    positions = averaged(stamps, np.array(motion.positions[rows]), edges)
     efforts = averaged(stamps, efforts, edges)
     rate = savgol_filter(positions, SMOOTHED, 3, deriv=1, delta=period, axis=0)
     count = len(positions)
-    gravities, nearest = motion.gravities[rows], np.searchsorted(stamps, edges[1:])
+    gravities = motion.gravities[rows]
+    nearest = np.minimum(np.searchsorted(stamps, edges[1:]), len(stamps) - 1)
     momentum, drift = np.zeros((2, count, len(numbers)))
     further = np.zeros((2, count, len(numbers), 10))
     speeds = rate[:, numbers] if link is not None else np.zeros((count, len(numbers)))
@@ -180,6 +186,8 @@ def _windows(
         mean(speeds),
         mean(1.0 - sliding**2),
         {lag: mean(efforts[np.clip(shifted + lag, 0, count - 1)]) for lag in lags},
+        period,
+        width,
     )
 
 

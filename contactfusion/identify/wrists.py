@@ -148,6 +148,33 @@ def weighed(rests: Sequence[Rest], gravities: FloatArray) -> Weighed:
     return Weighed(sign, fit, errors, noise, len(rests))
 
 
+def unloaded(rests: Sequence[Rest], sign: str) -> Weighed:
+    """The bias of a wrist whose driver takes its load off, as the mean over rests.
+
+    Args:
+        rests: the poses at which the robot rested.
+        sign: of the sensor.
+
+    Raises:
+        ConfigurationError: there are fewer than two rests.
+    """
+    if len(rests) < 2:
+        raise ConfigurationError(f"rested in {len(rests)} poses; its bias takes two or more")
+    wrenches = SIGNS[sign] * np.array([rest.wrench for rest in rests])
+    mean, off = wrenches.mean(axis=0), wrenches.std(axis=0, ddof=1)
+    (a, b, c), (d, e, f) = mean[:3].tolist(), mean[3:].tolist()
+    bias = Compensation(force_bias=(a, b, c), torque_bias=(d, e, f))
+    samples = SIGNS[sign] * np.concatenate([rest.wrenches for rest in rests]) - mean
+    errors = off / np.sqrt(len(rests))
+    return Weighed(
+        sign,
+        CompensationFit(bias, off[:3], off[3:]),
+        {"force_bias": errors[:3], "torque_bias": errors[3:]},
+        np.asarray(np.sqrt(np.square(samples).mean(axis=0))),
+        len(rests),
+    )
+
+
 def _fit(wrenches: FloatArray, gravities: FloatArray) -> CompensationFit:
     return fit_compensation(wrenches[:, :3], wrenches[:, 3:], gravities)
 

@@ -42,7 +42,7 @@ class Dynamics:
         Raises:
             RobotError: names the links that every joint moves without a mass.
         """
-        masses = np.array([self.model.urdf.links[name].mass for name in self.model.link_names])
+        masses = np.array([self.model.carried_by(name) for name in self.model.link_names])
         weighs = masses @ self.supports > 0.0
         if not weighs.all():
             joint = self.model.joint_names[int(np.argmin(weighs))]

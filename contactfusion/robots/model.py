@@ -1,7 +1,7 @@
 """A robot by URDF: kinematics, load on a sensor, sampled surface."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -117,10 +117,14 @@ class RobotModel:
         """The least and the greatest position of each joint, shape (n, 2) [rad, m]."""
         lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
         first = [joint.idx_q for joint in self._joints]
-        turning = np.array([joint.nq == 2 for joint in self._joints], np.bool_)
         limits = np.stack([lower[first], upper[first]], axis=1)
-        limits[turning] = -np.inf, np.inf
+        limits[self.turning] = -np.inf, np.inf
         return limits
+
+    @cached_property
+    def turning(self) -> NDArray[np.bool_]:
+        """The joints that turn without limits: their positions may leap by a turn, shape (n,)."""
+        return np.array([joint.nq == 2 for joint in self._joints], np.bool_)
 
     def stray(self, reading: JointState) -> str:
         """A sentence on a revolute joint that is a turn or more beyond its limits, or nothing."""
@@ -179,12 +183,22 @@ class RobotModel:
             positions[known.found] = joints.positions[known.rows]
         return self._followed(positions, known.following), known.unknown
 
-    def followed(self, positions: FloatArray) -> FloatArray:
+    def followed(self, positions: FloatArray, moved: Collection[str] | None = None) -> FloatArray:
         """Positions, shape (n,) [rad, m], in which each joint that mimics another follows it.
 
         A joint that is `still` stays.
+
+        Args:
+            positions: shape (n,) [rad, m].
+            moved: joints that were measured anew: those that mimic one of them follow it, unless
+                they were measured, too; None: all follow.
         """
-        following = [name for name in self._mimics if name not in self.config.still]
+        following = [
+            name
+            for name, (driver, _, _) in self._mimics.items()
+            if name not in self.config.still
+            and (moved is None or (driver in moved and name not in moved))
+        ]
         return self._followed(positions.copy(), following)
 
     def speeds(self, measured: Mapping[str, float]) -> FloatArray:
@@ -281,6 +295,11 @@ class RobotModel:
         """Mass [kg] and centre of mass of a link, shape (3,) [m], in its frame."""
         own = self.config.masses.get(link, self.urdf.links[link])
         return own.mass, np.array(own.centre_of_mass)
+
+    def carried_by(self, link: str) -> float:
+        """The mass of a link, and of the payload that it carries [kg]."""
+        carries = self._payload is not None and self._payload[0] == link
+        return self.mass_of(link)[0] + (self._payload[1] if carries and self._payload else 0.0)
 
     def load_on(self, frame: str, poses: Mapping[str, Pose]) -> tuple[float, FloatArray]:
         """The load of a sensor: mass [kg] and centre of mass, shape (3,) [m].

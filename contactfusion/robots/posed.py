@@ -42,7 +42,7 @@ class PosedRobot:
         for number, name in enumerate(model.joint_names):
             if name in rows and name not in model.config.still:
                 positions[number] = reading.positions[rows[name]]
-        positions = model.followed(positions)
+        positions = model.followed(positions, moved=rows)
         return (
             self
             if np.array_equal(positions, self.positions)
