@@ -165,7 +165,7 @@ def test_a_load_that_is_heavier_than_said_is_learned_as_the_hand_turns() -> None
 
 def test_after_a_long_silence_a_contact_is_none_of_the_bias() -> None:
     estimate, rng = BiasEstimate(NOISE, 0.6), np.random.default_rng(3)
-    pressed = BIAS + NOISE * (30.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    pressed, left = BIAS + NOISE * (30.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(6)
     stamps = [*np.arange(0.0, 30.0, 0.01), *np.arange(150.0, 152.0, 0.01)]
     for stamp in stamps:
         wrench = (BIAS if stamp < 100.0 else pressed) + NOISE * rng.standard_normal(6)

@@ -214,8 +214,8 @@ def test_readings_that_it_absorbs_count_as_those_of_which_it_makes_clouds() -> N
 
 def test_friction_at_rest_may_be_anything_within_its_limit() -> None:
     torque = ExternalTorque(Dynamics(robot()), known(coulomb=1.0), "measured", 30.0, 0.0)
+    found, zero = None, np.zeros(len(ARM))
     for stamp in np.arange(0.0, 1.0, 0.01).tolist():
-        zero = np.zeros(len(ARM))
         found = torque.update(reading(zero, BENT, stamp, velocities=zero), whole(BENT), UP)
     assert found is not None
     np.testing.assert_allclose(found[1][: len(ARM)], np.hypot(SIGMA, 1.0 / np.sqrt(3.0)))
