@@ -113,7 +113,7 @@ class ReactiveGraspConfig(Model):
     """The further share of its travel by which a joint closes when the object has slipped; where
     the wrist weighs the load, that counts instead."""
     wrist: LoadConfig | None = None
-    """How the wrist tells that the object slips; None: the fingers tell it alone."""
+    """How the wrist detects that the object slips; None: the fingers detect it alone."""
     resting: float = Field(default=0.05, gt=0)
     """The speed under which a joint of the fingers is at rest [rad/s, m/s]."""
     closing: Memory = Field(default=4.0, gt=0)

@@ -34,7 +34,7 @@ class Source:
         misses: probability of a miss, that it finds nothing while there is a contact; 1 unless its
             probability of detection is known and its newest cloud is empty.
         resultant: of all contacts, as its newest cloud measures it.
-        looked: the newest stamp at which it could tell of contacts [ns], or None.
+        looked: the newest stamp at which it could detect contacts [ns], or None.
         tells: whether that is no longer ago than entries live.
     """
 

@@ -126,8 +126,8 @@ def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[fl
 def _area(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[Rows, FloatArray]:
     """The area of a contact as rows of places, and the weight of each; they sum to 1.
 
-    Where those sources agree that tell of several contacts, and are sure; those of a single one
-    only tell where it lies.
+    Where those sources agree that detect several contacts, and are sure; those of a single one
+    only locate it.
     """
     several = [
         row

@@ -143,7 +143,7 @@ def ends(member: Member) -> list[tuple[Rows, float]]:
     return [found.pop(int(np.argmin(away))), *found]
 
 
-def told_in(field: Field, row: int) -> str:
+def described_in(field: Field, row: int) -> str:
     """The probability of the likeliest contact near a voxel, and how it comes about."""
     entries, side = field.entries, field.entries.grid.voxel_size
     centre = entries.grid.centres(entries.voxels[[row]])
@@ -223,8 +223,8 @@ def _unreported(field: Field, around: Neighbourhood, found: Mapping[int, Member]
     reported, away = {id(member) for member in found.values()}, dict[float, Member]()
     for member in field.members or ():
         if id(member) not in reported:
-            is_told = any(name in member.given for name in _told_here(field, around, member))
-            away.setdefault(0.0 if is_told else _away(member.places, around.position), member)
+            detects = any(name in member.given for name in _sources_here(field, around, member))
+            away.setdefault(0.0 if detects else _away(member.places, around.position), member)
     nearest = min(away, default=np.inf)
     return away[nearest] if nearest <= around.reach else None
 
@@ -235,7 +235,7 @@ def _explained(
     """That contacts elsewhere explain what sources gave at a place."""
     names, words = set[str](), list[str]()
     for number, member in found.items():
-        if here := _told_here(field, around, member):
+        if here := _sources_here(field, around, member):
             names |= here
             words.append(_named(around.contacts, number, around.position))
             for rows, part in ends(member)[1:]:
@@ -246,7 +246,7 @@ def _explained(
         yield Reason(Why.ELSEWHERE, sentence + ", and by ".join(words), min(names))
 
 
-def _told_here(field: Field, around: Neighbourhood, member: Member) -> set[str]:
+def _sources_here(field: Field, around: Neighbourhood, member: Member) -> set[str]:
     """The sources of what a contact explains at a place."""
     entries = field.entries
     rows = member.explains[around.inside[entries.places[member.explains]]]

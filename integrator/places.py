@@ -176,7 +176,7 @@ class Places:
         return normal if normal @ normal > TINY else self.normals[basin.top]
 
     def anywhere(self, basin: Basin, weights: FloatArray) -> Basin:
-        """A contact that lies in a basin or, as sources do not tell several apart, elsewhere.
+        """A contact that lies in a basin or, as sources do not distinguish several, elsewhere.
 
         Args:
             basin: where it is densest.

@@ -19,7 +19,7 @@ from contactfusion.integrator.detections import CERTAIN
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.estimates import AGREED, estimate
 from contactfusion.integrator.likelihood_fields import LikelihoodFields, product
-from contactfusion.integrator.members import FAINT, by_voxel, told_in
+from contactfusion.integrator.members import FAINT, by_voxel, described_in
 from contactfusion.integrator.places import Basin
 from contactfusion.integrator.resultant import (
     Superposition,
@@ -81,7 +81,7 @@ class Sets(Rule):
 
     def explain(self, field: Field, row: int) -> str:
         """The most probable contact near a voxel."""
-        return told_in(field, row)
+        return described_in(field, row)
 
 
 class Search:
@@ -114,7 +114,7 @@ class Search:
     def members(self) -> list[Member]:
         """The contacts, in the order in which they are found.
 
-        Where a sum over them is measured, and sources of a single contact tell of some, each is
+        Where a sum over them is measured, and sources of a single contact detect some, each is
         looked for once more beside the others.
         """
         if not self._fields.evidence:
@@ -136,7 +136,7 @@ class Search:
         """The contacts one by one, beside those found so far and the later ones of before."""
         found: list[tuple[Basin, Member]] = []
         self._summed: dict[int, NDArray[np.bool_]] = {}
-        """The detections that tell of several contacts together, by the row of their source."""
+        """The detections of several contacts together, by the row of their source."""
         while len(found) < MOST and self._fields.possible() >= FAINT:
             weights = self._weights()
             beside = [*(member for _, member in found), *before[len(found) + 1 :]]
@@ -173,7 +173,7 @@ class Search:
         return weights
 
     def _fewest(self, found: Sequence[tuple[Basin, Member]]) -> list[Member]:
-        """The contacts without those of which every source may tell of another one.
+        """The contacts without those whose detections another one may explain.
 
         So is what a finger feels without a place that of the contact which its skin locates.
         """

@@ -97,11 +97,11 @@ class Track:
 
 
 class Step(NamedTuple):
-    """When contacts are followed, and which sources of evidence can tell of them then.
+    """When contacts are followed, and which sources of evidence can detect them then.
 
     Attributes:
         now: [ns].
-        looks: the newest stamp at which each source could tell [ns].
+        looks: the newest stamp at which each source measured [ns].
         able: those that could no longer ago than their entries live.
     """
 
@@ -118,7 +118,7 @@ class Step(NamedTuple):
         return Step(entries.now, looks, able)
 
     def spoke(self, heard: Mapping[str, int]) -> list[str]:
-        """The sources that could tell after stamps [ns] at which they were heard."""
+        """The sources that measured after stamps [ns] of their detections."""
         return [name for name, stamp in heard.items() if self.looks.get(name, NEVER) > stamp]
 
 
@@ -209,7 +209,7 @@ class Tracks:
         return max(track.found_at, *(self._looked.get(name, NEVER) for name in track.heard))
 
     def _news(self, heard: Mapping[str, int]) -> list[str]:
-        """The sources of a contact that told of it after the step before."""
+        """The sources of a contact with a detection after the step before."""
         return [name for name, stamp in heard.items() if stamp > self._looked.get(name, NEVER)]
 
     def _begun(self, member: Member, heard: Mapping[str, int], step: Step) -> Track:
@@ -272,7 +272,7 @@ class Tracks:
     def _likelihood_ratio(
         self, member: Member, heard: Mapping[str, int], new: Sequence[str], step: Step
     ) -> float:
-        """The factor on the odds of a contact by those of its sources that tell of it anew.
+        """The factor on the odds of a contact by those of its sources with a new detection.
 
         Where others stand by what they said, it takes nothing from that to be less sure. They share
         the odds of all that each said once in turn. Resultants that speak for it count once; what
@@ -303,7 +303,7 @@ class Tracks:
         dead: Set[str],
         step: Step,
     ) -> None:
-        """Keep which sources tell of a contact, how surely, and which took back what they said."""
+        """Keep which sources detect a contact, how surely, and which withdrew their detection."""
         ended = heard.keys() | dead | {*withdrawn}
         stand = [name for name in track.heard if name not in ended]  # in order: bytes hang on it
         faded = _faded(step.now - track.found_at)

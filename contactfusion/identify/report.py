@@ -17,7 +17,7 @@ class Identification:
     Attributes:
         fields: for the field `identified` of a configuration.
         lines: the values, with standard errors.
-        kept: a sentence on each value that the motion could not tell, and that stays as it was.
+        kept: a sentence on each value that the motion does not excite, and that stays as it was.
         warnings: a sentence on each cause for doubt.
     """
 

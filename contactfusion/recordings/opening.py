@@ -41,7 +41,7 @@ SUFFIXES = {
 
 
 def kind_of(path: Path) -> str:
-    """The type of a recording by the suffix of its file; empty where that does not tell.
+    """The type of a recording by the suffix of its file; empty where that is not unique.
 
     Programs of other systems write upper case, but those of ROS look for lower.
     """
