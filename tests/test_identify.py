@@ -530,6 +530,16 @@ def test_two_generators_each_weigh_their_own_links(tmp_path: Path) -> None:
     assert {"link_2", "link_6"} <= set(weighed)
 
 
+def test_an_output_replaces_no_file_that_the_description_of_the_robot_names(tmp_path: Path) -> None:
+    text = carrying(None).urdf.path.read_text()
+    (tmp_path / "arm.urdf").write_text(text)
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump({"urdf": "arm.urdf", "still": dict(STILL)}))
+    config, recording = written(tmp_path, short(seconds=6.0), robot="robot.yaml")
+    with pytest.raises(ContactFusionError, match="would replace what is read, arm.urdf"):
+        identify_file(config, recording, tmp_path / "arm.urdf")
+    assert (tmp_path / "arm.urdf").read_text() == text
+
+
 def test_the_command_prints_what_it_found_and_writes_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -120,18 +120,21 @@ class Setting:
     def files(self, recording: Path | None) -> list[Path]:
         """The files that are read: the configuration, the recording, and those that they name.
 
+        Descriptions in YAML, as of a robot or a log, name files of their own.
+
         Args:
             recording: what is played, a file or a folder; None: what the configuration names.
 
         Raises:
-            ConfigurationError: the recording is described by a file that is no YAML.
+            ConfigurationError: one of them is no YAML, though its name says so.
         """
-        files = [self.origin, *named_files(self.fields, self.folder, self.within)]
+        files = [*named_files(self.fields, self.folder, self.within)]
         if recording is not None:
             files.append(recording)
-            if recording.suffix in YAML:
-                files += named_files(read_yaml(recording), recording.parent)
-        return files
+        described = [path for path in files if path.suffix in YAML and path.is_file()]
+        for path in described:
+            files += named_files(read_yaml(path), path.parent)
+        return [self.origin, *files]
 
     def text(self, beside: Path) -> str:
         """The text that a recording keeps of it.
