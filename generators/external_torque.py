@@ -79,6 +79,8 @@ class ExternalTorque:
         """Begin again."""
         self.share = 1.0
         """The part of a sudden change that the last update took up."""
+        self.reported: FloatArray = np.zeros(len(self._names))
+        """The efforts of the last update, shape (n,), in their own units."""
         count = len(self._names)
         self._stamp = -np.inf
         self._positions, self._between = np.zeros((2, count))
@@ -104,13 +106,15 @@ class ExternalTorque:
         Raises:
             InvalidReadingError: it has no effort of a joint that is known.
         """
-        efforts = self._constant * (self._efforts(reading) - self._offset)
+        reported = self._efforts(reading)
+        efforts = self._constant * (reported - self._offset)
         if self._effort == "external":
             return efforts, self._deviations(efforts)
         elapsed = reading.stamp - self._stamp
         if -LONGEST < elapsed <= 0.0:
             self.share = 0.0
             return self._found
+        self.reported = reported
         is_next = 0.0 < elapsed <= LONGEST
         velocities = self._velocities(reading, positions, elapsed if is_next else None)
         self._stamp, self._positions = reading.stamp, positions

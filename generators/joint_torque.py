@@ -13,6 +13,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.frames import inverse, points_in, vectors_in
 from contactfusion.generator import Generator, GeneratorConfig, OfRobot
+from contactfusion.generators.effort_watch import NEVER_FREE, OFTEN, FrozenEfforts, LoadWatch
 from contactfusion.generators.external_torque import LONGEST, Effort, ExternalTorque, Sign
 from contactfusion.generators.sign import SignWatch
 from contactfusion.generators.torque_field import explained
@@ -45,6 +46,9 @@ ELSEWHERE = "what touches these links is left to another sensor: "
 """How a note begins that names links, with commas between them."""
 BLIND = "in this pose no joint feels a force on any link"
 """A note: the arm is stretched out, or its efforts are too noisy."""
+NO_EFFORTS = "every effort is exactly 0: its driver reports none"
+FROZEN = "left out, as their efforts stay exactly as they are while what they bear does not: "
+"""How a note begins that names joints, with commas between them."""
 UNDECIDED = "it cannot tell on which link: "
 """How a note begins that names links, with commas between them."""
 HELD, MOST = 0.9, 3
@@ -123,6 +127,17 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             RobotError: it has no inertias, and the effort needs them.
         """
         config = self.config
+        stated = [
+            name for name, joint in config.joints.items() if "constant" in joint.model_fields_set
+        ]
+        if config.effort == "current" and (
+            missing := [n for n in config.joints if n not in stated]
+        ):
+            raise ConfigurationError(
+                f"no torque per ampere of {', '.join(missing)}: give each its `constant`, which "
+                "`identify` measures",
+                "joints",
+            )
         for joint in config.joints:
             if joint not in robot.joint_names:
                 hint = name_hint(joint, robot.joint_names, "joints of the robot")
@@ -167,6 +182,8 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         """Begin the observer again."""
         self._sign, self._unexplained, self._reverse = SignWatch(), 0, False
         self._is_heard = False
+        self._load, self._frozen = LoadWatch(), FrozenEfforts(1.0 / self.config.gain)
+        self._are_frozen: NDArray[np.bool_] = np.zeros(1, np.bool_)
         self._stamp: float | None = None
         if self._torque is not None:
             self._torque.reset()
@@ -214,8 +231,12 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         if found is None:
             self._wrists.reset()
             return robot, None
-        share = self._torque.share
-        return robot, self._wrists.left(robot, state.resultants, *found, share)
+        share, (torques, deviations) = self._torque.share, found
+        if self.config.effort != "external" and share > 0.0:
+            self._are_frozen = self._frozen.of(reading.stamp, self._torque.reported, *found)
+            self._are_frozen &= self._torque.known
+        deviations = np.where(self._are_frozen, np.inf, deviations)
+        return robot, self._wrists.left(robot, state.resultants, torques, deviations, share)
 
     def _gravity(self, robot: PosedRobot) -> FloatArray:
         """Shape (3,) [m/s²], in the root link's frame."""
@@ -239,7 +260,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         }
         if missing := [name for name, effort in own.items() if np.isnan(effort)]:
             return f"its driver reports no effort of {', '.join(missing)}"
-        return Note.UNHEALTHY if own and not any(own.values()) else ""
+        return NO_EFFORTS if own and not any(own.values()) else ""
 
     def _cloud(
         self,
@@ -257,6 +278,9 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         ]
         left = [name for name in self._parts if name in measured and is_shared]
         elsewhere = (f"{ELSEWHERE}{', '.join(left)}",) if left else ()
+        frozen = (
+            np.array(robot.model.joint_names)[self._are_frozen] if self._are_frozen.any() else ()
+        )
         nothing = partial(self.nothing, reading, frame=state.grid.frame)
         if not parts:
             return nothing(notes=elsewhere)
@@ -274,7 +298,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         whole = float(precisions @ torques**2)
         left_over = whole - float(_explained_by(gains, forces, strength).max())
         limit = float(chdtri(max(int((precisions > 0.0).sum()) - 3, 1), 1.0 - SURE))
-        notes: tuple[str, ...] = ()
+        notes: tuple[str, ...] = (f"{FROZEN}{', '.join(frozen)}",) if len(frozen) else ()
         if whole > limit:
             if left_over <= limit:
                 self._unexplained = 0
@@ -289,7 +313,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
                 self._unexplained += 1
             reverse = self._unexplained > 0 and self._reverse
             if self._sign.suspects(reading.stamp, reverse):
-                notes = (Note.REVERSED,)
+                notes = (*notes, Note.REVERSED)
         is_felt = gains - evidence > FELT
         if not is_felt.any():
             return nothing(notes=(*notes, BLIND))
@@ -297,6 +321,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         gains, evidence = gains[is_felt], evidence[is_felt]
         log_odds = np.log(DOUBT) + logsumexp(evidence) - np.log(len(evidence))
         probability = 1.0 / (1.0 + np.exp(-np.clip(log_odds, -LARGEST, LARGEST)))
+        self._load.follow(reading.stamp, probability >= DOUBT)
         if probability < DOUBT:
             return nothing(notes=(*notes, *elsewhere))
         single = float(np.clip(2.0 - left_over / limit, 0.0, 1.0))
@@ -306,6 +331,10 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         weights /= weights.sum()
         undecided, is_located = self._undecided(groups, weights, measured)
         notes = (*notes, *undecided)
+        if self._load.may_be_own and not config.links:
+            return nothing(notes=(*notes, NEVER_FREE))
+        if self._load.is_loaded_often:
+            notes = (*notes, OFTEN)
         if single == 0.0 or not is_located:
             return nothing(notes=notes)
         kept = weights >= FAINT * weights.max()

@@ -199,8 +199,8 @@ def test_the_observer_tells_the_push_from_motors_gravity_and_friction(
 def test_readings_that_it_absorbs_count_as_those_of_which_it_makes_clouds() -> None:
     every, some = (generator(effort="measured") for _ in range(2))
     held = -Dynamics(robot()).drift(whole(BENT), np.zeros(len(whole(BENT))), UP)[: len(ARM)]
-    motors = held - pushed("link_6", 20.0)[2]
-    readings = [reading(motors, stamp=0.005 * number) for number in range(100)]
+    push = pushed("link_6", 20.0)[2]
+    readings = [reading(held - (n >= 100) * push, stamp=0.005 * n) for n in range(200)]
     for each in readings[:-1]:
         every.generate(each, state())
         some.absorb(each, state())
@@ -316,7 +316,7 @@ def test_efforts_are_found_by_name_in_any_order() -> None:
 
 def test_efforts_that_are_all_zero_are_of_no_sensor() -> None:
     cloud = only(generator().generate(reading(np.zeros(len(ARM))), state()))
-    assert cloud.notes == (Note.UNHEALTHY,)
+    assert cloud.notes == ("every effort is exactly 0: its driver reports none",)
 
 
 def test_an_unknown_joint_is_named_with_the_nearest() -> None:

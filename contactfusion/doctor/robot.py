@@ -55,7 +55,7 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
     _print_joints(robot)
     _print_sensors(robot)
     faults = [*patch_faults(model), *wrist_faults(model), *camera_faults(robot)]
-    faults += finger_faults(model)
+    faults += [*finger_faults(model), *mass_faults(model)]
     if out is not None:
         from contactfusion.doctor.picture import draw_robot
 
@@ -134,6 +134,16 @@ def wrist_faults(model: RobotModel) -> Iterator[str]:
                 yield f"link '{link}' hangs on wrist '{name}' and has a shape, but no mass"
         if not any(part.mass for part in links.values()):
             yield f"nothing that hangs on wrist '{name}' has a mass"
+
+
+def mass_faults(model: RobotModel) -> Iterator[str]:
+    """Links without a mass, where efforts of joints are known."""
+    hanging = {link for wrist in model.config.wrists.values() for link in model.beyond(wrist.frame)}
+    for link in model.link_names if model.config.efforts else ():
+        is_moved = link in model.urdf.links and link != model.root
+        if is_moved and link not in hanging and model.urdf.links[link].is_shaped:
+            if not model.carried_by(link):
+                yield f"link '{link}' has a shape, but no mass, so its weight would be a contact"
 
 
 def camera_faults(robot: PosedRobot) -> Iterator[str]:

@@ -40,17 +40,26 @@ class Dynamics:
         """Refuse a robot that has no mass where a joint moves it.
 
         Raises:
-            RobotError: names the links that every joint moves without a mass.
+            RobotError: names the links that a joint moves without a mass: all that it moves, or
+                those with shapes between it and the next joint.
         """
-        masses = np.array([self.model.carried_by(name) for name in self.model.link_names])
+        names = np.array(self.model.link_names)
+        masses = np.array([self.model.carried_by(name) for name in names])
         weighs = masses @ self.supports > 0.0
         if not weighs.all():
             joint = self.model.joint_names[int(np.argmin(weighs))]
-            moved = self.supports[:, int(np.argmin(weighs))]
-            links = ", ".join(np.array(self.model.link_names)[moved])
+            links = ", ".join(names[self.supports[:, int(np.argmin(weighs))]])
             raise RobotError(
                 f"{self.model.urdf.path}: joint '{joint}' moves no mass: give inertias of {links}"
             )
+        shaped = np.array([self.model.urdf.links[name].is_shaped for name in names])
+        for moved in np.unique(self.supports[self.supports.any(axis=1)], axis=0):
+            body = (self.supports == moved).all(axis=1)
+            if shaped[body].any() and not masses[body].any():
+                raise RobotError(
+                    f"{self.model.urdf.path}: {', '.join(names[body & shaped])} would weigh "
+                    "nothing: give inertias, or `masses` in the robot's description"
+                )
 
     def axes(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How each joint moves a point at the root's origin that it carries.

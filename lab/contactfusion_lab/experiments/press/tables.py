@@ -23,7 +23,8 @@ READ = (
     "the same joints move, as a hand and fingers that stay, count as the same. *Reported*: any "
     f"contact at the end of a press; *found*: a reported contact within {100.0 * NEAR:.0f} cm, "
     "mean over true contacts; error: of the likeliest contact; *right set*: the true link is that "
-    "of the contact, or among those between which the generator states that it cannot decide; "
+    "of the contact, or among those between which the generator states that it cannot decide, "
+    "whose *parts* of the arm are counted where there are any; "
     "*alarms*: reports that begin in free motion. In brackets 95 % intervals, a bootstrap over "
     "presses. Each arm is one of five specimens of its kind, whose masses err by 5 %, and was "
     "identified by two minutes of free motion of its own. Published for real arms: 91.5 % detected "
@@ -55,6 +56,7 @@ COLUMNS: Sequence[tuple[str, Callable[[pd.DataFrame, np.random.Generator], Figur
     ("p90", partial(_statistic, "error", partial(np.quantile, q=0.9)), 100.0, ".2f"),
     ("right link %", partial(_share, "right_link"), 100.0, ".0f"),
     ("right set %", partial(_share, "right_set"), 100.0, ".0f"),
+    ("parts of the set", partial(_statistic, "parts", np.mean), 1.0, ".1f"),
     ("false", partial(_statistic, "false", np.mean), 1.0, ".2f"),
     ("in 95 % region %", partial(_share, "inside"), 100.0, ".0f"),
     ("its radius cm", partial(_statistic, "radius", np.median), 100.0, ".1f"),
@@ -93,6 +95,7 @@ def frame_of_trials(trials: Sequence[Trial], joints: Joints) -> pd.DataFrame:
                     "right_set": any(parts[each] in true for each in links if each)
                     if has
                     else np.nan,
+                    "parts": float(len({parts[each] for each in links if each})) or np.nan,
                     "false": found.false,
                     "inside": found.level <= LEVEL if known else np.nan,
                     "radius": found.radius,

@@ -102,7 +102,9 @@ def located(run: Run, motors: Motors) -> Located:
     robot = shared_robot(ARM)
     surface = PosedRobot(robot, POSE, BASE, np.eye(4)).surface
     tool, held, sizes = surface.link_names.index(TOOL), [], []
-    for row in np.flatnonzero(run.touching)[::STRIDE]:
+    touching = np.flatnonzero(run.touching)[::STRIDE]
+    before = np.arange(0, touching[0] if len(touching) else 0, STRIDE)
+    for row in (*before, *touching):
         clouds.clear()
         pipeline.take(
             JointState(
@@ -111,6 +113,8 @@ def located(run: Run, motors: Motors) -> Located:
             )
         )  # fmt: skip
         (cloud,) = clouds
+        if row < touching[0]:
+            continue  # free, as it was before
         if not len(cloud.positions):
             held.append(False)
             sizes.append(0)
