@@ -148,6 +148,11 @@ class Isolated(Generator[GeneratorConfig]):
         return most
 
     @property
+    def ends(self) -> int:
+        """How often its process ended and was started again; a reading was lost each time."""
+        return self._ends
+
+    @property
     def waits_for(self) -> str:
         """What the inner generator waited for after its last reading."""
         return self._waits_for

@@ -439,11 +439,12 @@ class Pipeline:
 
     @property
     def ended(self) -> Mapping[str, str]:
-        """Why plug-ins did not take part to the end, by their field of the configuration."""
+        """Why plug-ins did not take part all the time, by their field of the configuration."""
         out = {
             f"generators.{name}": generator.out
+            or f"its process ended {generator.ends} times, and was started again without a reading"
             for name, generator in self.generators.items()
-            if isinstance(generator, Isolated) and generator.out
+            if isinstance(generator, Isolated) and (generator.out or generator.ends)
         }
         if self._failed_commands:
             failed = f"it commanded nothing in {self._failed_commands} steps"

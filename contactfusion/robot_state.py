@@ -40,6 +40,9 @@ NEARLY_ALONG = 0.9995
 AHEAD = 1.0
 """Transforms of a recording come so much earlier than what needs them [s]: they are published late
 and seldom."""
+JUMP, PERIODS = 0.25, 3.0
+"""Readings that lie so far ahead, and so many times the period before them, while a later one goes
+on from there, are of another clock [s]."""
 Quaternion = Sequence[float]
 BasePose = tuple[str, str, Pose]
 """Parent frame, child frame, and the pose of the child in the parent."""
@@ -287,6 +290,8 @@ class StateBuffer:
     def _append(self, readings: deque[R], reading: R) -> None:
         if reading.stamp <= self._limit:
             self._drop(readings)
+        for _ in range(_astray((each.stamp for each in reversed(readings)), reading.stamp)):
+            self._leave_out(readings.pop())
         if not readings or reading.stamp >= readings[-1].stamp:
             readings.append(reading)
 
@@ -298,8 +303,10 @@ class StateBuffer:
     def _drop(self, readings: deque[R]) -> None:
         """Drop what is newer than the limit."""
         while readings and readings[-1].stamp > self._limit:
-            last = readings.pop()
-            self._left_out.setdefault(last.label, last.stamp)
+            self._leave_out(readings.pop())
+
+    def _leave_out(self, reading: Reading) -> None:
+        self._left_out.setdefault(reading.label, reading.stamp)
 
     def joints(self, stamp: float) -> JointState | None:
         """The joints at a stamp [s]: positions in between, the rest of the nearer reading.
@@ -406,6 +413,22 @@ def _around(readings: deque[R], stamp: float) -> tuple[R, R, float] | None:
     return after, after, 0.0
 
 
+def _astray(newest: Iterable[float], stamp: float) -> int:
+    """How many readings lie beyond a leap that a later reading does not take part in.
+
+    Args:
+        newest: stamps of the readings before it, the newest first [s].
+        stamp: of the later reading [s].
+    """
+    count, nearest, stamps = 0, stamp, iter(newest)
+    for known in stamps:
+        if known <= stamp:
+            period = known - next(stamps, -math.inf)
+            return count if nearest - stamp > max(JUMP, PERIODS * period) else 0
+        count, nearest = count + 1, known
+    return 0
+
+
 @dataclass
 class _Series:
     """The poses of one frame in one parent, by rising stamps."""
@@ -416,12 +439,19 @@ class _Series:
     transforms: list[Transform] = field(default_factory=list)
 
     def add(self, transform: Transform) -> None:
+        """Store a transform, unless one is as new."""
         if self.stamps and transform.stamp <= self.stamps[-1]:
             return
         self.stamps.append(transform.stamp)
         self.transforms.append(transform)
         if len(self.stamps) >= 2 * LENGTH:
             del self.stamps[:LENGTH], self.transforms[:LENGTH]
+
+    def drop_astray(self, stamp: float) -> float | None:
+        """Drop what a transform at a stamp [s] shows to be of another clock, as `drop` does."""
+        if self.static or not _astray(reversed(self.stamps), stamp):
+            return None
+        return self.drop(stamp)
 
     def drop(self, limit: float) -> float | None:
         """Drop what is newer than a limit [s]; the newest stamp, or None where nothing is."""
@@ -486,6 +516,8 @@ class TransformBuffer:
             series.transforms.clear()
         if transform.stamp <= self._limit:
             self._drop(transform.child_frame, series)
+        if (newest := series.drop_astray(transform.stamp)) is not None:
+            self._left_out[f"the transform of '{transform.child_frame}'"] = newest
         series.add(transform)
 
     def leave_out(self, limit: float) -> Mapping[str, float]:

@@ -15,7 +15,7 @@ from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.live.clock import SimulatedTime
 from contactfusion.live.config import LiveConfig
 from contactfusion.live.discovery import contents_of, mismatch, written_by_others
-from contactfusion.live.queue import Queue
+from contactfusion.live.queue import Packet, Queue
 from contactfusion.live.stream import LiveStream
 from contactfusion.live.transport import DEPTH, Quality, matches
 from contactfusion.loop import play
@@ -450,6 +450,21 @@ def test_of_a_flood_the_oldest_are_dropped_and_counted() -> None:
     first = queue.take(0.0)
     assert getattr(first, "arrived", None) == 7
     assert Queue().take(0.0) is None
+
+
+def test_large_messages_that_wait_take_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("contactfusion.live.queue.MOST_BYTES", 100)
+    queue = Queue()
+    for row, size in enumerate((30, 30, 30, 80, 10, 10, 5, 300)):
+        queue.packet("/eye", bytes(size), row)
+        queue.packet("/wrist", b"w", row)
+    assert queue.dropped == {"/eye": 7}
+    taken = [each for _ in range(len(queue)) if isinstance(each := queue.take(0.0), Packet)]
+    assert [each.arrived for each in taken if each.topic == "/eye"] == [7]
+    assert [each.arrived for each in taken if each.topic == "/wrist"] == [*range(8)]
+    queue.packet("/eye", bytes(60), 8)
+    queue.packet("/eye", bytes(40), 9)
+    assert queue.dropped == {"/eye": 7}
 
 
 @pytest.mark.parametrize(

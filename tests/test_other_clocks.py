@@ -1,6 +1,7 @@
 """Stamps far ahead of a step are of another clock: left out by name, and they hide nothing."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,3 +101,27 @@ def test_clouds_of_another_clock_are_dropped_by_name(monkeypatch: pytest.MonkeyP
     assert message.endswith(" is 3,600.000 s early: dropped, its clock is another")
     assert told(pipe, 0.1) == []
     assert pipe.step(HOUR).fusion.contacts == ()
+
+
+@pytest.mark.parametrize("lead", [0.5, 1.9])
+@pytest.mark.parametrize(("kind", "frame"), [(odometry, "odom"), (transform, "map")])
+def test_a_reading_a_little_ahead_freezes_no_pose(kind: Any, frame: str, lead: float) -> None:
+    pipe, messages = pipeline(), list[str]()
+    for number in range(40):
+        now = 0.1 * number
+        pipe.receive(kind(now, now))
+        if number == 10:
+            pipe.receive(kind(now + lead, now))
+        messages += told(pipe, now)
+        where = pipe.state(now).frames.pose(frame, of="base")[0, 3]
+        assert where == pytest.approx(now, abs=1e-9)
+    (message,) = messages
+    assert f"{lead - 0.1:,.3f} s ahead of the step: left out, its clock is another" in message
+
+
+def test_a_reading_that_was_overtaken_turns_no_clock_back() -> None:
+    pipe = pipeline()
+    for stamp in (0.0, 0.1, 0.2, 0.4, 0.5, 0.3, 0.6):
+        pipe.receive(odometry(stamp, stamp))
+        assert not told(pipe, 0.6)
+    assert base_at(pipe, 0.5) == pytest.approx(0.5)

@@ -6,6 +6,9 @@ from typing import NamedTuple, final
 
 from contactfusion.live.transport import DEPTH
 
+MOST_BYTES = 2**28
+"""The messages of a topic that wait take no more memory [bytes], unless it is a single one."""
+
 
 class Packet(NamedTuple):
     """A message as it arrived.
@@ -32,6 +35,7 @@ class Queue:
         self._order = deque[object]()
         """Names of topics, in whose order packets are taken, and what is no packet."""
         self._packets: dict[str, deque[Packet]] = {}
+        self._bytes = Counter[str]()
         self._filled = threading.Condition()
         self.dropped: Counter[str] = Counter()
         """Number of packets that were dropped, by topic."""
@@ -42,12 +46,16 @@ class Queue:
     def packet(self, topic: str, cdr: bytes, arrived: int) -> None:
         """Add a message of a topic, and when it arrived [ns since 1970]."""
         with self._filled:
-            packets = self._packets.setdefault(topic, deque(maxlen=DEPTH))
-            if len(packets) == DEPTH:  # it takes the turn of the oldest
-                self.dropped[topic] += 1
+            packets = self._packets.setdefault(topic, deque())
+            kept = len(packets)
+            while packets and (len(packets) >= DEPTH or self._bytes[topic] + len(cdr) > MOST_BYTES):
+                self._bytes[topic] -= len(packets.popleft().cdr)
+            if lost := kept - len(packets):  # it takes the turn of the oldest
+                self.dropped[topic] += lost
             else:
                 self._order.append(topic)
             packets.append(Packet(topic, cdr, arrived))
+            self._bytes[topic] += len(cdr)
             self._filled.notify()
 
     def put(self, what: object) -> None:
@@ -61,5 +69,12 @@ class Queue:
         with self._filled:
             if not self._order and not self._filled.wait_for(lambda: self._order, timeout):
                 return None
-            first = self._order.popleft()
-            return self._packets[first].popleft() if isinstance(first, str) else first
+            while self._order:
+                first = self._order.popleft()
+                if not isinstance(first, str):
+                    return first
+                if self._packets[first]:  # several small messages may have made room for a large
+                    packet = self._packets[first].popleft()
+                    self._bytes[first] -= len(packet.cdr)
+                    return packet
+            return None
