@@ -3,7 +3,9 @@
 import fcntl
 import io
 import json
+import lzma
 import os
+import re
 import secrets
 import signal
 import threading
@@ -17,6 +19,7 @@ from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
 from shutil import rmtree
+from stat import S_ISDIR, S_ISREG
 from typing import Any, Final
 
 import numpy as np
@@ -29,6 +32,8 @@ GIVE_CONFIG: Final = "give the configuration itself by --config FILE"
 """The advice where a configuration in a recording names a file that it may not."""
 UNFINISHED: Final = ".unfinished"
 """The suffix of what is being written, until it gets its name."""
+HIDDEN: Final = re.compile(rf"(?s)\.(.*[^.].*)\.[0-9a-f]{{8}}{re.escape(UNFINISHED)}")
+"""The names of what is being written; they hold the name that it gets."""
 LONGEST: Final = 200
 """The greatest length of a name that is given further words [bytes]; file systems take 255."""
 STALE: Final = 3600.0
@@ -43,6 +48,7 @@ BROKEN = (
     RecursionError,
     TypeError,
     ValueError,
+    lzma.LZMAError,
     zipfile.BadZipFile,
     zlib.error,
 )
@@ -115,12 +121,14 @@ def _sweep(folder: Path) -> None:
     """
     for left in folder.glob(f".*{UNFINISHED}"):
         with suppress(OSError):
-            if _is_written(left):
+            named, mode = HIDDEN.fullmatch(left.name), left.lstat().st_mode
+            # what is neither file nor folder, and links, is no writer's of ours
+            if not named or not (S_ISREG(mode) or S_ISDIR(mode)) or _is_written(left):
                 continue
-            name = left.name.removesuffix(UNFINISHED).rpartition(".")[0][1:]
             for written in left.rglob("*.mcap") if left.is_dir() else ():
-                if written.stat().st_size:
-                    os.replace(written, _name_of_cut(folder / name))
+                found = written.lstat()
+                if S_ISREG(found.st_mode) and found.st_size:
+                    os.replace(written, _name_of_cut(folder / named[1]))
             if time.time() - left.stat().st_mtime > STALE:
                 rmtree(left) if left.is_dir() else left.unlink()
 
@@ -205,10 +213,11 @@ def file_in(folder: Path, name: str | Path, within: Path | None) -> Path:
 
 
 def require_file(path: Path, error: type[ContactFusionError]) -> None:
-    """Refuse a file that does not exist.
+    """Refuse a file that does not exist, or is no regular one.
 
     Raises:
-        error: it does not exist; the sentence names the file of the folder that was probably meant.
+        error: it is none; where it does not exist, the sentence names the file of the folder that
+            was probably meant.
     """
     try:
         if path.is_file():
@@ -217,9 +226,12 @@ def require_file(path: Path, error: type[ContactFusionError]) -> None:
         raise error(f"{str(path)[:200]} can't be read: {cause.strerror}") from None
     if path.is_dir():
         raise error(f"{path} is a folder, not a file")
+    if path.exists():
+        raise error(f"{path} is no regular file")
     if not path.parent.is_dir():
         raise error(f"there is no file {path}, nor its folder {path.parent}")
-    close = get_close_matches(path.name, [entry.name for entry in path.parent.iterdir()], n=1)
+    others = [entry.name for entry in path.parent.iterdir() if entry.name != path.name]
+    close = get_close_matches(path.name, others, n=1)
     hint = f"; did you mean '{close[0]}'?" if close else ""
     raise error(f"there is no file '{path.name}' in {path.parent.resolve()}{hint}")
 
@@ -280,11 +292,12 @@ def require_settings(settings: dict[str, Any], out: Path) -> None:
         ConfigurationError: it holds others.
     """
     settings, path = json.loads(json.dumps(settings)), out / "settings.json"
+    held: Any = None
     if path.is_file():
-        try:
-            held = dict(json.loads(path.read_text()))
-        except (ValueError, TypeError):
-            raise ConfigurationError(f"{path} is damaged: give another --out") from None
+        with suppress(ConfigurationError):
+            held = read_json(path)
+        if not isinstance(held, dict):
+            raise ConfigurationError(f"{path} is damaged: give another --out")
         other = [name for name in {**held, **settings} if held.get(name) != settings.get(name)]
         if other:
             raise ConfigurationError(
@@ -293,6 +306,21 @@ def require_settings(settings: dict[str, Any], out: Path) -> None:
     elif any(out.iterdir()):
         raise ConfigurationError(f"{out} holds something else: give another --out")
     write_whole(path, json.dumps(settings, indent=1) + "\n")
+
+
+def read_json(path: Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        ConfigurationError: the file is missing, can't be read, or is no JSON text in UTF-8.
+    """
+    require_file(path, ConfigurationError)
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        raise ConfigurationError(f"{path} is no JSON text, or is cut off") from None
+    except OSError as error:
+        raise ConfigurationError(f"{path} can't be read: {error.strerror}") from None
 
 
 def read_npz(path: Path, *names: str) -> list[NDArray[Any]]:

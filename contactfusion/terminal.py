@@ -34,23 +34,35 @@ def is_quiet() -> bool:
     return _quiet
 
 
-def printable(text: str) -> str:
-    """A text without what a terminal obeys: names in files may hold its control sequences."""
+def printable(text: str, *, lines: bool = False) -> str:
+    """A line without what a terminal obeys: names in files may hold its control sequences.
+
+    Args:
+        text: the line.
+        lines: whether it is several, whose ends are kept; else names in files can end none.
+    """
+    kept = "\n\t" if lines else ""
     return "".join(
-        mark if mark.isprintable() or mark in "\n\t" else mark.encode("unicode_escape").decode()
+        mark if mark.isprintable() or mark in kept else mark.encode("unicode_escape").decode()
         for mark in text
     )
 
 
-def say(text: str, end: str = "\n", file: TextIO | None = None) -> None:
-    """Print a line of results, on stdout unless `file` is another; also where `--quiet` is."""
-    print(printable(text), end=end, file=file, flush=True)
+def say(text: str, end: str = "\n", file: TextIO | None = None, *, lines: bool = False) -> None:
+    """Print a line of results, or several `lines`; also where `--quiet` is.
+
+    They are printed on stdout unless `file` is another.
+    """
+    print(printable(text, lines=lines), end=end, file=file, flush=True)
 
 
-def note(text: str, end: str = "\n", file: TextIO | None = None) -> None:
-    """Print a line of a summary, on stdout unless `file` is another; not where `--quiet` is."""
+def note(text: str, end: str = "\n", file: TextIO | None = None, *, lines: bool = False) -> None:
+    """Print a line of a summary, or several `lines`; not where `--quiet` is.
+
+    They are printed on stdout unless `file` is another.
+    """
     if not _quiet:
-        say(text, end, file)
+        say(text, end, file, lines=lines)
 
 
 @contextmanager

@@ -1,9 +1,11 @@
 """Limits of packed files: a few kilobytes can unpack to more than any memory."""
 
 import math
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Final, Protocol
 
 import numpy as np
@@ -114,7 +116,13 @@ def _require_array(file: IO[bytes], size: int, label: str) -> None:
     form = np.lib.format
     version = form.read_magic(file)
     read = form.read_array_header_1_0 if version == (1, 0) else form.read_array_header_2_0
-    shape, _, dtype = read(file)
+    try:
+        shape, _, dtype = read(file)
+    except TokenError as error:
+        raise ValueError(f"the header of {label} is damaged: {error.args[0]}") from None
+    for length in shape:
+        if not 0 <= length <= sys.maxsize:  # NumPy meets it with errors of other kinds
+            raise ValueError(f"{label} promises an axis of {length} numbers")
     promised, held = math.prod(shape) * max(dtype.itemsize, 1), size - file.tell()
     if promised > held and not dtype.hasobject:
         raise ValueError(

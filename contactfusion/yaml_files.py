@@ -64,6 +64,22 @@ def yaml_value(text: str, whole: str) -> Any:
         raise ConfigurationError(f"the value of '{whole}': {_problem(error)}") from None
 
 
+def require_shallow(value: Any) -> None:
+    """Refuse a value that is deeper than any in YAML, such as one in JSON.
+
+    Raises:
+        ConfigurationError: it is.
+    """
+    level = [value]
+    for _ in range(DEEPEST):
+        level = [held for held in level if isinstance(held, dict | list)]
+        level = [
+            part for held in level for part in (held.values() if isinstance(held, dict) else held)
+        ]
+    if level:
+        raise ConfigurationError(f"lists and mappings are more than {DEEPEST} within each other")
+
+
 def with_overrides(mapping: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
     """A copy of a configuration in which single values are changed.
 

@@ -1,7 +1,6 @@
 """The contact networks: location and kind of a contact, from proximity (O §II-D, IV-A)."""
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from safetensors.numpy import load
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError, InvalidReadingError, name_hint
-from contactfusion.files import require_file
+from contactfusion.files import read_json, require_file
 from contactfusion.generator import ConfigT
 from contactfusion.generators.lstm import (
     DENSE,
@@ -105,11 +104,7 @@ def read_card(path: Path) -> NetworksCard:
     Raises:
         ConfigurationError: the file is missing, or is no card.
     """
-    require_file(path, ConfigurationError)
-    try:
-        fields = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
-        raise ConfigurationError(f"{path} is no JSON text, or is cut off") from None
+    fields = read_json(path)
     if not isinstance(fields, dict):
         raise ConfigurationError(f"{path} holds no card of networks")
     try:

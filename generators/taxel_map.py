@@ -131,10 +131,15 @@ class TaxelMap:
         Raises:
             ConfigurationError: the file is missing, or holds no map.
         """
-        signals, places, neighbours, sigma = read_npz(
-            path, "signals", "places", "neighbours", "sigma"
-        )
-        return TaxelMap(signals, places, int(neighbours), float(sigma))
+        names = ("signals", "places", "neighbours", "sigma")
+        held = read_npz(path, *names)
+        for name, array in zip(names, held, strict=True):
+            if array.dtype.kind not in "biuf":
+                raise ConfigurationError(f"{path}: {name} holds {array.dtype}, not real numbers")
+        signals, places, neighbours, sigma = held
+        if neighbours.size != 1 or sigma.size != 1 or not np.isfinite(neighbours).all():
+            raise ConfigurationError(f"{path}: neighbours and sigma are not a number each")
+        return TaxelMap(signals, places, int(neighbours.item()), float(sigma.item()))
 
 
 class TaxelMapConfig(GeneratorConfig):

@@ -44,7 +44,7 @@ class IntegratorConfig(Model):
 
     frame: str = Field(default="base", min_length=1)
     """The frame in which the voxels stand still; every cloud must come in it."""
-    voxel_size: Spacing = Field(default=0.005, gt=0)
+    voxel_size: Spacing = Field(default=0.005, ge=1e-5)
     """The side of a voxel [m]."""
     timeout: Memory = Field(default=0.5, gt=0)
     """How long an entry lives [s], where its source has no timeout of its own."""

@@ -149,6 +149,8 @@ def test_restore_undoes_changes() -> None:
         ("plug skin type=null", "'skin' has no type: write plug skin type="),
         ("plug skin type={}", "'skin' has no type: write plug skin type="),
         (f"answer wrist {'9' * 5000}", "is no number of a reading"),
+        ("plug a/b type=force_torque", "^generators.a/b: a name may not hold a slash$"),
+        (f"plug wrist {'.'.join('a' * 3000)}=1", "more than 50 within each other$"),
         (f"plug skin type=tactile shapes.{'9' * 5000}=1 shapes=[]", "skin"),
     ],
 )

@@ -128,6 +128,13 @@ def test_a_single_fault_is_one_sentence(file: Path, override: str, sentence: str
     assert told.startswith(sentence) or sentence in told
 
 
+def test_voxels_too_small_for_any_robot_are_a_fault(file: Path) -> None:
+    (told, *_) = faults(file, "integrator.voxel_size=1.0e-300")
+    assert told.startswith(
+        "integrator.voxel_size: 1e-300 m is implausible, the limit is 1e-05 m; lengths are in"
+    )
+
+
 def test_a_pipeline_alone_can_be_checked(file: Path) -> None:
     del (fields := read_yaml(file))["recording"]
     file.write_text(yaml.safe_dump(fields))

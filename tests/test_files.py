@@ -5,13 +5,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from subprocess import PIPE, Popen
+from subprocess import DEVNULL, PIPE, Popen, run
 
 import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import read_npz, write_npz, write_whole
+from contactfusion.files import read_json, read_npz, require_settings, write_npz, write_whole
 
 
 def test_what_was_written_is_read_bit_for_bit(tmp_path: Path) -> None:
@@ -30,6 +30,34 @@ def test_a_missing_file_is_an_error_with_the_nearest_name(tmp_path: Path) -> Non
 def test_a_name_longer_than_any_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="can't be read: File name too long"):
         read_npz(tmp_path / ("x" * 300), "a")
+
+
+def test_a_device_is_no_regular_file() -> None:
+    with pytest.raises(ConfigurationError, match="^/dev/zero is no regular file$"):
+        read_npz(Path("/dev/zero"), "a")
+
+
+def test_a_link_to_nothing_is_no_hint_to_itself(tmp_path: Path) -> None:
+    (tmp_path / "map.npz").symlink_to("none.npz")
+    with pytest.raises(ConfigurationError, match=r"there is no file 'map\.npz' in [^;]*$"):
+        read_npz(tmp_path / "map.npz", "a")
+
+
+@pytest.mark.parametrize(
+    ("text", "times"), [(b"", 1), (b"{", 1), (b"\xff\xfe", 1), (b"[", 100_000), (b"9", 5000)]
+)
+def test_what_is_no_json_is_a_sentence(tmp_path: Path, text: bytes, times: int) -> None:
+    (tmp_path / "card.json").write_bytes(text * times)
+    with pytest.raises(ConfigurationError, match=r"card\.json is no JSON text, or is cut off"):
+        read_json(tmp_path / "card.json")
+
+
+@pytest.mark.parametrize("times", [1, 100_000])
+@pytest.mark.parametrize("text", ["[", "[[1, 2]]", "null", "\x00"])
+def test_settings_that_are_damaged_are_a_sentence(tmp_path: Path, text: str, times: int) -> None:
+    (tmp_path / "settings.json").write_text(text * times)
+    with pytest.raises(ConfigurationError, match=r"settings\.json is damaged: give another --out"):
+        require_settings({"a": 1}, tmp_path)
 
 
 @pytest.mark.parametrize("length", [0, 1, 10, 100, -30])
@@ -115,3 +143,44 @@ def test_a_recording_of_a_killed_process_is_named_and_kept(name: str, tmp_path: 
     (cut,) = tmp_path.glob("*.cut.mcap")
     assert cut.read_bytes() == b"parts"
     assert name.startswith(cut.name.removesuffix(".cut.mcap"))
+
+
+NAMES = (
+    ".a.unfinished",
+    "..0badcafe.unfinished",
+    "....0badcafe.unfinished",
+    ".v.mcap.aaaa.unfinished",
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_folder_that_no_writer_named_is_left_alone(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "above" / "d"
+    (folder / name).mkdir(parents=True)
+    (folder / name / "x.mcap").write_text("hello")
+    os.utime(folder / name, (0, 0))
+    write_whole(folder / "o.txt", "whole")
+    assert {*tmp_path.rglob("*")} == {
+        folder.parent, folder, folder / "o.txt", folder / name, folder / name / "x.mcap"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [".a.unfinished", ".a.csv.0badcafe.unfinished"])
+def test_a_pipe_by_the_name_of_what_is_written_delays_no_writer(name: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / name)
+    command = [sys.executable, "-c", WRITER, str(tmp_path / "o.txt")]
+    run(command, stdin=DEVNULL, stdout=DEVNULL, timeout=20.0, check=True)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_what_links_lead_to_is_not_taken_for_an_unfinished_recording(tmp_path: Path) -> None:
+    folder, other = tmp_path / "d", tmp_path / "other"
+    left = folder / ".v.mcap.0badcafe.unfinished"
+    for made in (left, other):
+        made.mkdir(parents=True)
+    (other / "x.mcap").write_text("hello")
+    (left / "x.mcap").symlink_to(other / "x.mcap")
+    (folder / ".w.mcap.0badcafe.unfinished").symlink_to(other)
+    write_whole(folder / "o.txt", "whole")
+    assert not [*folder.glob("*.cut.mcap")]
+    assert (other / "x.mcap").read_text() == "hello"

@@ -39,6 +39,16 @@ def bag(tmp_path: Path) -> Path:
     return mcap(tmp_path / "bags", pressed())
 
 
+def test_names_in_a_recording_add_no_lines_to_what_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named, out = "a\nOK\n", tmp_path / "a.yaml"
+    said = [(f"/{named}", i * SECOND, wrench(i * SECOND, frame=named)) for i in range(3)]
+    write_first(mcap(tmp_path, said), out)
+    assert "OK" not in capsys.readouterr().out.splitlines()
+    assert "OK" not in out.read_text().splitlines()
+
+
 def test_the_first_configuration_of_a_bag_replays_it(
     bag: Path, tmp_path: Path, capsys: Printed
 ) -> None:

@@ -1,6 +1,7 @@
 """What a recording holds: topics, rates, frames, clocks, and what takes them."""
 
 import json
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -88,6 +89,39 @@ def test_frames_that_move_and_frames_that_circle_are_shown(tmp_path: Path) -> No
     assert [(one.name, one.static) for one in found.frames] == [("a", False), ("b", False)]
     assert found.ancestors("a") == ("a", "b")
     assert "frames that no transform names: wrist" in as_text(found)
+
+
+def test_frames_that_circle_and_those_below_them_are_shown_once_and_begin_at_each_of_them() -> None:
+    named = {"a": "b", "b": "c", "c": "a", "leaf": "a", "top": "base"}
+    frames = tuple(FrameInspection(name, named[name], static=False) for name in sorted(named))
+    shown = as_text(Inspection(Path("a.mcap"), 0, 0.0, (), frames)).splitlines()[2:]
+    assert shown == [
+        *("frames:", "  a", "    c", "      b", "    leaf"),
+        *("  b", "  base", "    top", "  c"),
+    ]
+
+
+def test_of_a_long_chain_of_frames_the_deepest_are_counted() -> None:
+    chain = [FrameInspection(f"f{i + 1}", f"f{i}", static=True) for i in range(20_000)]
+    start = time.process_time()
+    shown = as_text(Inspection(Path("a.mcap"), 0, 0.0, (), tuple(chain))).splitlines()
+    assert time.process_time() - start < 2.0
+    assert shown[3] == "  f0" and shown[-2] == f"{200 * ' '}f99 (static)"
+    assert shown[-1] == "frames below these, more than 100 deep: 19901"
+
+
+def test_names_of_topics_and_frames_add_no_lines(tmp_path: Path) -> None:
+    named = "a\nOK\n"
+    said = [(f"/{named}", 0, wrench(frame=named)), ("/tf", 0, transforms((0, "base", named)))]
+    found = inspect_recording(mcap(tmp_path, said))
+    shown = as_text(found).splitlines()
+    assert len(shown) == 7 and "OK" not in shown and "    a\\nOK\\n" in shown
+
+
+def test_columns_are_filled_up_to_a_bounded_width() -> None:
+    wide = TopicInspection("/wide", "", 1, frames=("f" * 10_000,))
+    many = (TopicInspection(f"/{i}", "", 1) for i in range(100))
+    assert len(as_text(Inspection(Path("a.mcap"), 0, 0.0, (wide, *many), ()))) < 150_000
 
 
 def test_what_becomes_no_reading_is_listed_with_the_reason(tmp_path: Path) -> None:

@@ -324,6 +324,25 @@ def test_a_name_that_is_none_is_a_sentence(
         Control(name, str)
 
 
+def test_an_order_that_fails_is_a_sentence_and_the_next_is_carried_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def order(text: str) -> str:
+        if text == "open":
+            raise OSError("no such device")
+        return str(1 // len(text.removeprefix("tare")))
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with Control("probe", order):
+        for text, why in (
+            ("tare", "ZeroDivisionError: integer"),
+            ("open", "OSError: no such device"),
+        ):
+            with pytest.raises(ConfigurationError, match=f"^the order '{text}' failed: {why}"):
+                ask(text)
+        assert ask("x") == "1"
+
+
 @pytest.mark.skipif(find_spec("rclpy") is not None, reason="rclpy is installed")
 def test_without_rclpy_a_sentence_says_where_it_comes_from(tmp_path: Path) -> None:
     file = tmp_path / "probe.yaml"

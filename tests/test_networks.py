@@ -254,10 +254,11 @@ def test_weights_that_are_no_numbers_are_told(tmp_path: Path, value: float) -> N
     refused(path, f"tensor {name} holds weights that are not finite")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1]", "3", "\x00\xff"])
-def test_a_card_that_is_none_is_told(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize("text", ["", "{", "[1]", "3", "\x00\xff", "["])
+@pytest.mark.parametrize("times", [1, 100_000])
+def test_a_card_that_is_none_is_told(tmp_path: Path, text: str, times: int) -> None:
     path = write(tmp_path, some_weights())
-    path.with_suffix(".json").write_text(text, encoding="latin-1")
+    path.with_suffix(".json").write_text(text * times, encoding="latin-1")
     refused(path, "is no JSON text, or is cut off|holds no card")
 
 

@@ -172,6 +172,17 @@ def test_a_zip_may_hold_the_file(tmp_path: Path) -> None:
     assert "is cut off, or no zip file" in refusal(packed)
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_zip_with_a_wrong_byte_is_refused_whatever_packed_it(tmp_path: Path, method: int) -> None:
+    packed = tmp_path / "walk.c3d.zip"
+    with zipfile.ZipFile(packed, "w", method) as archive:
+        archive.write(c3d_file(tmp_path), "walk.c3d")
+    content = bytearray(packed.read_bytes())
+    content[60:90] = bytes(byte ^ 255 for byte in content[60:90])
+    packed.write_bytes(content)
+    assert str(packed) in refusal(packed)
+
+
 def test_broken_files_are_refused(tmp_path: Path) -> None:
     path = c3d_file(tmp_path)
     whole = path.read_bytes()

@@ -184,6 +184,21 @@ def test_a_range_of_columns_is_written_out(tmp_path: Path) -> None:
     assert "'1..2000000000' is more than 10000 columns" in refusal(tmp_path, text, vast)
 
 
+def test_what_ranges_write_out_is_bounded_in_sum(tmp_path: Path) -> None:
+    text = "0,1\n"
+    many = {**SKIN, "columns": ["1..5001", "1..5000"]}
+    assert "sensor.columns: a reading has more than 10000 columns" in refusal(tmp_path, text, many)
+    pads = {f"pad_{number}": {**SKIN, "columns": "1..10000"} for number in range(11)}
+    sentence = refusal(tmp_path, text, readings=pads)
+    assert "its readings have more than 100000 columns" in sentence
+
+
+def test_a_name_that_a_range_repeats_is_bounded(tmp_path: Path) -> None:
+    long = {**SKIN, "columns": "p" * 1000 + "1..9"}
+    sentence = refusal(tmp_path, "0,1\n", long)
+    assert "'pppppppppppppppppppp…' is a range of more than 500 characters" in sentence
+
+
 def test_degrees_become_radians(tmp_path: Path) -> None:
     reading = {"type": "joint_state", "frame": "base", "names": ["a"], "columns": 2, "scale": "deg"}
     (only,) = readings(log(tmp_path, "0,180\n", reading))
@@ -356,6 +371,66 @@ def test_a_log_that_is_not_what_it_should_be_is_refused(
     tmp_path: Path, text: str, reading: dict[str, Any], reason: str
 ) -> None:
     assert reason in refusal(tmp_path, text, reading)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns", "wanted"),
+    [
+        ('t, a, b, c\n0, "x, 5, y", 7, 8\n', ["b", "c"], [7.0, 8.0]),
+        ('t, a, b, c\n0, "5", 7, 8\n', ["a", "b"], [5.0, 7.0]),
+        ('t,a,b\n0,1,"2\n1,3,"4\n', ["a", "b"], [1.0, 2.0, 3.0, 4.0]),
+    ],
+)
+def test_a_quoted_cell_is_one_cell_also_after_a_blank(
+    tmp_path: Path, text: str, columns: list[str], wanted: list[float]
+) -> None:
+    found = values(log(tmp_path, text, {**SKIN, "columns": columns}))
+    assert [value for row in found for value in row] == wanted
+
+
+def test_blanks_that_part_cells_are_counted_once(tmp_path: Path) -> None:
+    recording = log(tmp_path, "t a b\n0  5 7\n", {**SKIN, "columns": ["b"]}, delimiter=" ")
+    assert values(recording) == [[7.0]]
+
+
+def test_a_quoted_cell_with_white_space_is_one_cell(tmp_path: Path) -> None:
+    skin = {**SKIN, "columns": ["b"]}
+    assert values(log(tmp_path, 't a b c\n0 "x 5" 7 8\n', skin)) == [[7.0]]
+    sentence = refusal(tmp_path, 't a b c\n0 "x 5" 7\n', skin)
+    assert "log.csv, line 2: 3 cells under 4 names" in sentence
+    open_quote = 't a b\n0 1 "2\n1 3 "4\n'
+    sentence = refusal(tmp_path, open_quote, {**SKIN, "columns": ["a"]})
+    assert "log.csv, line 2: a quote stays open" in sentence
+
+
+def test_quotes_of_names_between_white_space_belong_to_them(tmp_path: Path) -> None:
+    assert values(log(tmp_path, '"t" "a"\n0 5\n', {**SKIN, "columns": ['"a"']})) == [[5.0]]
+
+
+@pytest.mark.parametrize("cell", ["1_000", "١٢"])
+def test_what_only_python_takes_for_a_number_is_none(tmp_path: Path, cell: str) -> None:
+    text = f"t,a\n0,1\n1,{cell}\n"
+    sentence = refusal(tmp_path, text, {**SKIN, "columns": ["a"]})
+    assert f"log.csv, line 3: column 'a' holds '{cell}', not a number" in sentence
+
+
+@pytest.mark.parametrize("suffix", ["gz", "bz2", "xz"])
+def test_a_table_that_is_not_compressed_as_its_name_says_is_refused(
+    tmp_path: Path, suffix: str
+) -> None:
+    name = f"log.csv.{suffix}"
+    (tmp_path / name).write_text("0,1\n1,2\n")
+    with pytest.raises(RecordingError, match=rf"{name} is compressed by its name: unpack it"):
+        arrays(tmp_path, name, [2], 1)
+
+
+def test_columns_under_a_header_without_names_have_numbers(tmp_path: Path) -> None:
+    assert values(log(tmp_path, ",\n0,5\n1,6\n", SKIN)) == [[5.0], [6.0]]
+
+
+def test_a_row_without_a_wanted_column_that_has_no_name_is_refused(tmp_path: Path) -> None:
+    sentence = refusal(tmp_path, "t,a,\n0,5,7\n1,6\n", {**SKIN, "columns": [3]})
+    assert "log.csv, line 3: column 3 is missing: the line has 2 cells" in sentence
 
 
 def test_a_log_that_is_not_text_is_refused(tmp_path: Path) -> None:

@@ -1,10 +1,13 @@
 """Recordings of ROS: all formats, order, clocks, transforms, taps, and files that are damaged."""
 
 import math
+import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from shutil import copytree
+from subprocess import run
 from typing import Any
 
 import numpy as np
@@ -680,3 +683,22 @@ def test_a_real_bag_of_ros_1_gives_its_odometry() -> None:
     assert kinds == {"sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix", "nav_msgs/msg/Odometry"}
     for raw in heard[:100]:
         typestore().deserialize_cdr(raw.cdr, raw.msgtype)
+
+
+@pytest.mark.parametrize("form", ["mcap_folder", "sqlite_folder"])
+@pytest.mark.parametrize("is_named_by_its_metadata", [True, False])
+def test_a_pipe_in_a_folder_is_no_file(
+    form: str, is_named_by_its_metadata: bool, tmp_path: Path
+) -> None:
+    folder = FORMATS[form](tmp_path, [("/wrist", SECOND * i, wrench(i, 1.0)) for i in range(4)])
+    (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
+    file.unlink()
+    os.mkfifo(file)
+    why = f"{file} is no regular file"
+    if not is_named_by_its_metadata:
+        (folder / "metadata.yaml").unlink()
+        why = "there is no .*, .mcap, .db3 in the folder"
+    command = [sys.executable, "-m", "contactfusion", "inspect", str(folder)]
+    done = run(command, capture_output=True, text=True, timeout=30.0)
+    assert done.returncode == 1
+    assert re.search(why, done.stderr) and len(done.stderr.splitlines()) == 1

@@ -24,6 +24,7 @@ a configuration in conf/, with `robot: contactfusion.robots:mobile_base.yaml`, b
 recordings were not bounded yet."""
 EPOCH = 1_700_000_000_000_000_000
 MESH = '<mesh filename="{}"/>'
+DEEP = '{"a": ' * 900 + "1" + "}" * 900
 
 
 def recorded(folder: Path, kept: Any = None, **configuration: Any) -> Path:
@@ -258,7 +259,8 @@ def test_a_recording_of_former_days_is_played_though_its_configuration_lay_elsew
 @pytest.mark.parametrize(
     "kept", ["{", "[]", "7", '{"folder": "."}', {"folder": 1, "topics": {}, "configuration": {}},
              {"folder": ".", "topics": [], "configuration": {}},
-             {"folder": ".", "topics": {}, "configuration": []}, "[" * 100_000]
+             {"folder": ".", "topics": {}, "configuration": []}, "[" * 100_000,
+             f'{{"folder": ".", "topics": {{}}, "configuration": {DEEP}}}']
 )  # fmt: skip
 def test_a_topic_that_no_replay_wrote_is_told_in_one_sentence(kept: Any, tmp_path: Path) -> None:
     path = recorded(tmp_path, kept)

@@ -1,5 +1,6 @@
 """What of a link can be touched: its sampled surface, with normals that point out of it."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from contactfusion.arrays import FloatArray
+from contactfusion.confined import confined
 from contactfusion.errors import RobotError
-from contactfusion.robots.solids import Solid
+from contactfusion.robots.solids import Solid, loaded_open3d, read_mesh
 from contactfusion.robots.urdf import Mesh
 from contactfusion.shapes import ShapeConfig
 from tests.urdfs import ARM_HAND, REAL, built, link, outside_of, outside_of_all, real
@@ -223,6 +225,79 @@ def test_a_mesh_that_cannot_be_read_is_told_by_name(
     with pytest.raises(RobotError, match=f"arm{suffix} holds no triangles that can be read"):
         _ = model.parts
     assert capfd.readouterr() == ("", "")
+
+
+# Materials
+
+PARTS = ("bolt", "Bolt", "nut", "bolt")
+"""The materials of the sides of a wedge."""
+
+
+def wedge(path: Path, library: str) -> Mesh:
+    """Write a mesh whose sides are of several materials, and which names their library."""
+    sides = ("1 3 2", "1 2 4", "1 4 3", "2 3 4")
+    faces = [f"usemtl {part}\nf {side}" for part, side in zip(PARTS, sides, strict=True)]
+    corners = ["v 0 0 0", "v 0.1 0 0", "v 0 0.1 0", "v 0 0 0.1"]
+    path.write_text("\n".join(["# by hand", library, *corners, *faces]) + "\n", newline="")
+    return Mesh(path, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    "library",
+    [
+        "mtllib wedge.mtl",
+        "\t mtllib  wedge.mtl \r",
+        "mtl\\\nlib wedge.mtl",
+        "mtllib \\\nwedge.mtl",
+        "# x\rmtllib wedge.mtl",
+        "# x\fmtllib wedge.mtl",
+        "\0mtllib wedge.mtl",
+        "mtllib none.mtl\nmtllib wedge.mtl",
+        "mtllib none.mtl\0mtllib wedge.mtl",
+        "mtllib ../wedge.mtl",
+    ],
+)
+def test_a_texture_that_a_mesh_names_is_not_opened(library: str, tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    mesh = wedge(tmp_path / "meshes" / "wedge.obj", library)
+    for folder in (tmp_path, tmp_path / "meshes"):
+        os.mkfifo(folder / "texture.png")
+        materials = ("newmtl nut", "map_Kd texture.png", "newmtl bolt\0map_Kd texture.png")
+        (folder / "wedge.mtl").write_text("\n".join(materials) + "\n")
+    assert len(confined(read_mesh, str(mesh.file), seconds=5.0, memory=2**32)[1]) == 4
+
+
+@pytest.mark.parametrize("listed", [PARTS, PARTS[::-1], ("nut", "Bolt"), ("other",)])
+@pytest.mark.parametrize("library", ["mtllib wedge.mtl", "mtllib C:\\wedge.mtl\r", ""])
+def test_without_textures_a_mesh_is_what_it_was_with_them(
+    listed: tuple[str, ...], library: str, tmp_path: Path
+) -> None:
+    mesh = wedge(tmp_path / "wedge.obj", library)
+    materials = [
+        f"newmtl {part}\nKd 0.{number} 0 0\nmap_Kd x.png" for number, part in enumerate(listed)
+    ]
+    (tmp_path / "wedge.mtl").write_text("\n".join(materials) + "\n")
+    whole = loaded_open3d().io.read_triangle_mesh(str(mesh.file))
+    vertices, triangles = read_mesh(str(mesh.file))
+    assert np.array_equal(vertices, np.asarray(whole.vertices))
+    assert np.array_equal(triangles, np.asarray(whole.triangles))
+
+
+def test_a_link_to_a_mesh_is_read_as_what_it_leads_to(tmp_path: Path) -> None:
+    (tmp_path / "link.off").write_text("OFF\n4 4 0\n0 0 0\n.1 0 0\n0 0.1 0\n0 0 0l 0 0 1\nv")
+    (tmp_path / "link.obj").symlink_to("link.off")
+    with pytest.raises(RobotError, match="crashes|no triangles"):
+        Solid([Mesh(tmp_path / "link.obj", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
+
+
+def test_a_mesh_larger_than_any_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "wedge.obj"
+    with path.open("wb") as file:
+        file.truncate(2**40)
+    with pytest.raises(
+        RobotError, match=r"wedge\.obj can't be read: wedge.obj has 1099511627776 bytes"
+    ):
+        Solid([Mesh(path, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
 
 
 # Real robots

@@ -216,3 +216,23 @@ def test_a_file_that_is_no_map_is_refused(tmp_path: Path) -> None:
     write_npz(tmp_path / "map.npz", signals=ONES, places=PLACES, neighbours=3, sigma=-1.0)
     with pytest.raises(ConfigurationError, match="needs presses, neighbours and a sigma"):
         TaxelMap.load(tmp_path / "map.npz")
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"neighbours": [3, 4]}, "neighbours and sigma are not a number each"),
+        ({"neighbours": np.nan}, "neighbours and sigma are not a number each"),
+        ({"neighbours": np.inf}, "neighbours and sigma are not a number each"),
+        ({"sigma": [0.1, 0.2]}, "neighbours and sigma are not a number each"),
+        ({"sigma": "x"}, "sigma holds <U1, not real numbers"),
+        ({"signals": ONES * (1.0 + 1.0j)}, "signals holds complex128, not real numbers"),
+    ],
+)
+def test_a_map_of_other_than_numbers_is_refused(
+    tmp_path: Path, changes: dict[str, Any], problem: str
+) -> None:
+    sound = {"signals": ONES, "places": PLACES, "neighbours": 3, "sigma": 0.001}
+    write_npz(tmp_path / "map.npz", **{**sound, **changes})
+    with pytest.raises(ConfigurationError, match=rf"map\.npz: {problem}"):
+        TaxelMap.load(tmp_path / "map.npz")

@@ -103,8 +103,25 @@ def test_a_name_that_holds_control_sequences_is_printed_as_text(
     name = "frame \x1b]0;owned\x07\x1b[2J\r\x08\u202e größe 腕\n\tnext"
     say(name)
     note(name)
-    line = "frame \\x1b]0;owned\\x07\\x1b[2J\\r\\x08\\u202e größe 腕\n\tnext\n"
+    line = "frame \\x1b]0;owned\\x07\\x1b[2J\\r\\x08\\u202e größe 腕\\n\\tnext\n"
     assert capsys.readouterr().out == 2 * line
+
+
+def test_texts_of_several_lines_keep_them(capsys: Printed) -> None:
+    say("a\n\tb\x1b", lines=True)
+    note("c\nd", lines=True)
+    assert capsys.readouterr().out == "a\n\tb\\x1b\nc\nd\n"
+
+
+def test_the_type_of_a_generator_adds_no_line_to_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(
+        'generators: {skin: {type: "a\\nOK\\n", sensor: skin}}\nintegrator: {frame: base}\n'
+    )
+    command = [sys.executable, "-m", "contactfusion", "check", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "'a\\nOK\\n'" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 def test_errors_and_warnings_of_a_command_hold_no_control_sequences(tmp_path: Path) -> None:

@@ -311,9 +311,10 @@ def test_a_folder_of_other_inputs_is_refused(tmp_path: Path) -> None:
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     tuned(tmp_path)
     path = kept_in(tmp_path / "out", ())
-    path.write_text(path.read_text()[:-20])
-    with pytest.raises(ConfigurationError, match="configured.json is damaged: remove it"):
-        tuned(tmp_path)
+    for content in (path.read_text()[:-20], "[" * 100_000):
+        path.write_text(content)
+        with pytest.raises(ConfigurationError, match="configured.json is damaged: remove it"):
+            tuned(tmp_path)
 
 
 @pytest.mark.parametrize("within", [0.0, -1.0, math.nan])

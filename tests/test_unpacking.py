@@ -26,6 +26,7 @@ from contactfusion.recordings import ouster_converter
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.ros.readers import bound_rosbags
+from contactfusion.recordings.tables import read_columns
 from contactfusion.unpacking import SMALL, TIMES, Unpacker, most_bytes, unpacked
 from tests.ros_bags import image, rosbag1, rosbag2, top, wrench
 from tests.test_recordings_c3d import c3d_file
@@ -129,6 +130,29 @@ def test_what_is_small_may_unpack_to_anything_and_what_is_large_to_so_many_times
     assert most_bytes(1) == SMALL == most_bytes(SMALL // TIMES)
     assert most_bytes(SMALL) == TIMES * SMALL
     assert unpacked(b"", bz2.BZ2Decompressor) == b""
+
+
+@pytest.mark.parametrize(
+    ("header", "reason"),
+    [
+        ("{" + "(" * 100, "the header of it is damaged"),
+        *(
+            (
+                f"{{'descr': '<f8', 'fortran_order': False, 'shape': (0, {length})}}",
+                f"it promises an axis of {length} numbers",
+            )
+            for length in (10**20, -(10**20))
+        ),
+    ],
+    ids=["brackets", "long", "negative"],
+)
+def test_a_header_that_numpy_fails_on_is_a_sentence(
+    tmp_path: Path, header: str, reason: str
+) -> None:
+    path = tmp_path / "log.npy"
+    path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header.encode())
+    with pytest.raises(RecordingError, match=f"log.npy is cut off, or .*: {reason}"):
+        read_columns(path, [1])
 
 
 def text(value: str) -> bytes:

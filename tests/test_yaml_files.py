@@ -6,7 +6,7 @@ import pytest
 
 from contactfusion.errors import ConfigurationError, WritingError
 from contactfusion.files import write_whole
-from contactfusion.yaml_files import read_yaml, with_overrides
+from contactfusion.yaml_files import read_yaml, require_shallow, with_overrides
 
 
 def written(folder: Path, text: str, name: str = "scene.yaml") -> Path:
@@ -116,6 +116,13 @@ def test_a_wrong_override_is_refused(override: str, reason: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         with_overrides({"number": 3, "items": [1, 2]}, [override])
     assert reason in str(caught.value)
+
+
+def test_what_is_deeper_than_any_yaml_is_refused(tmp_path: Path) -> None:
+    deepest = read_yaml(written(tmp_path, "a: " + "[" * 48 + "1" + "]" * 48))
+    require_shallow(deepest)
+    with pytest.raises(ConfigurationError, match="^lists and mappings are more than 50 within"):
+        require_shallow({"a": deepest})
 
 
 def test_a_file_is_written_whole_and_leaves_nothing_beside(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def main() -> None:
         sys.exit(status)
     except Exception as error:
         if LOG.isEnabledFor(logging.DEBUG):
-            say(traceback.format_exc(), end="", file=sys.stderr)
+            say(traceback.format_exc(), end="", file=sys.stderr, lines=True)
         if isinstance(error, ContactFusionError):
             text = str(error)
         elif isinstance(error, OSError) and error.filename and error.strerror:
@@ -172,7 +172,7 @@ class _Lines(logging.StreamHandler[TextIO]):
 
     def format(self, record: logging.LogRecord) -> str:
         """The line of a record."""
-        return terminal.printable(super().format(record))
+        return terminal.printable(super().format(record), lines=bool(record.exc_info))
 
 
 class _Warnings:
@@ -191,12 +191,13 @@ class _Warnings:
         line: str | None = None,
     ) -> None:
         """Take the place of `warnings.showwarning`."""
-        text = warnings.formatwarning(message, category, filename, lineno, line)
-        if issubclass(category, FutureWarning):
-            text = f"contactfusion: {message}\n"
+        for_users = issubclass(category, FutureWarning)
+        text = warnings.formatwarning(message, category, filename, lineno, line).rstrip("\n")
+        if for_users:
+            text = f"contactfusion: {message}"
         if text not in self._shown:
             self._shown.add(text)
-            say(text, end="", file=file or sys.stderr)
+            say(text, file=file or sys.stderr, lines=not for_users)
 
 
 def _unexpected(error: Exception) -> str:

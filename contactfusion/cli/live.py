@@ -89,4 +89,4 @@ def ctl(
     """Change what `contactfusion live` runs, or ask how it does."""
     from contactfusion.live.control import ask
 
-    say(ask(shlex.join(order), name))
+    say(ask(shlex.join(order), name), lines=True)

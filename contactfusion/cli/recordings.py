@@ -33,10 +33,10 @@ def inspect(
 
     if recording.suffix.lower() in DESCRIBED:
         table = log_columns.inspect_table(recording)
-        say(log_columns.as_json(table) if json else log_columns.as_text(table))
+        say(log_columns.as_json(table) if json else log_columns.as_text(table), lines=True)
     else:
         held = inspection.inspect_recording(recording)
-        say(inspection.as_json(held) if json else inspection.as_text(held))
+        say(inspection.as_json(held) if json else inspection.as_text(held), lines=True)
 
 
 def init(

@@ -64,7 +64,7 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
         wrenches = recorded_wrenches(model, recording)
         for wrist in config.wrists:
             lines, wrong = weigh(model, wrist, wrenches)
-            say("\n".join(lines))
+            say("\n".join(lines), lines=True)
             faults += wrong
     for fault in faults:
         say(f"warning: {fault}")

@@ -116,7 +116,7 @@ class _First:
 
 def _joined(lines: Iterable[str]) -> str:
     """Lines as a file; names in recordings and URDFs end none, and so begin no field."""
-    return "".join(printable(line).replace("\n", r"\n") + "\n" for line in lines)
+    return "".join(printable(line) + "\n" for line in lines)
 
 
 def _refuse_existing(path: Path, force: bool) -> None:

@@ -26,7 +26,7 @@ from contactfusion.recordings.ros.contents import TRUTH, contents_of, topics_of,
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.topics import Topic, last, listeners
 from contactfusion.recordings.step_messages import OURS
-from contactfusion.terminal import followed, progress
+from contactfusion.terminal import followed, printable, progress
 from contactfusion.time import to_nanoseconds, to_seconds
 
 DECODED = 20
@@ -35,6 +35,10 @@ SHOWN_EVERY = 1000
 """Messages between two updates of the progress bar."""
 EPOCHS = 1e8
 """Clocks beyond this count from 1970; others from when they started [s]."""
+DEEPEST = 100
+"""The greatest depth of a frame in the tree that is shown."""
+WIDEST = 1000
+"""The greatest width of a column of the table to which cells are filled up [characters]."""
 FAR = 1.0
 """The least difference between a clock and that of the log that is remarked [s]."""
 
@@ -132,9 +136,10 @@ class Inspection:
     def ancestors(self, frame: str) -> tuple[str, ...]:
         """A frame and its ancestors, the root last."""
         parents = {frame.name: frame.parent for frame in self.frames}
-        chain = [frame]
-        while (parent := parents.get(chain[-1])) is not None and parent not in chain:
-            chain.append(parent)
+        chain = {frame: None}
+        while (parent := parents.get(frame)) is not None and parent not in chain:
+            chain[parent] = None
+            frame = parent
         return tuple(chain)
 
 
@@ -377,7 +382,7 @@ def _sorted(frames: Mapping[str, FrameInspection]) -> tuple[FrameInspection, ...
 
 def as_text(inspection: Inspection) -> str:
     """An inspection as a table of topics, a tree of frames, and remarks."""
-    return "\n".join(_lines(inspection))
+    return "\n".join(map(printable, _lines(inspection)))
 
 
 def _lines(inspection: Inspection) -> Iterator[str]:
@@ -415,7 +420,7 @@ def _row(topic: TopicInspection) -> tuple[str, ...]:
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths = [min(WIDEST, max(map(len, column))) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         yield "  ".join(cells).rstrip()
@@ -426,23 +431,43 @@ def _tree(inspection: Inspection) -> Iterator[str]:
     children: dict[str, list[FrameInspection]] = {}
     for frame in inspection.frames:
         children.setdefault(frame.parent, []).append(frame)
-    roots = {inspection.ancestors(frame.name)[-1] for frame in inspection.frames}
+    roots = _roots({frame.name: frame.parent for frame in inspection.frames})
     if roots:
         yield "frames:"
     waiting = [(root, "", 1) for root in sorted(roots, reverse=True)]
-    shown = set[str]()
+    shown, deeper = set[str](), 0
     while waiting:
         name, how, depth = waiting.pop()
-        yield f"{'  ' * depth}{name}{how}"
+        if depth <= DEEPEST:
+            yield f"{'  ' * depth}{name}{how}"
+        else:
+            deeper += 1
         shown.add(name)
         waiting += [
             (frame.name, " (static)" if frame.static else "", depth + 1)
             for frame in reversed(children.get(name, []))
             if frame.name not in shown
         ]
+    if deeper:
+        yield f"frames below these, more than {DEEPEST} deep: {deeper}"
     named = {frame for topic in inspection.topics if topic.generators for frame in topic.frames}
     if alone := sorted(named - shown - {""}):
         yield f"frames that no transform names: {', '.join(alone)}"
+
+
+def _roots(parents: Mapping[str, str]) -> set[str]:
+    """The frames that have no parent, and all that circle, by the parents of the others."""
+    roots, passed = set(parents.values()) - parents.keys(), set[str]()
+    for start in parents:
+        frame, chain = start, dict[str, None]()
+        while frame in parents and frame not in passed and frame not in chain:
+            chain[frame] = None
+            frame = parents[frame]
+        if frame in chain:
+            names = list(chain)
+            roots.update(names[names.index(frame) :])
+        passed.update(chain)
+    return roots
 
 
 def _remarks(topic: TopicInspection) -> Iterator[str]:

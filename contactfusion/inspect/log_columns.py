@@ -18,6 +18,7 @@ from contactfusion.readings.columns import Column
 from contactfusion.readings.joints import NO_FRAME
 from contactfusion.recordings.log import FASTEST, NANOSECONDS, SLOW, stated_unit
 from contactfusion.recordings.tables import Columns, column_names, read_columns
+from contactfusion.terminal import printable
 from contactfusion.time import NANOSECONDS_PER_SECOND
 from contactfusion.vendors import convention_of
 
@@ -137,17 +138,16 @@ def as_json(table: TableInspection) -> str:
 def as_text(table: TableInspection) -> str:
     """An inspection as a table of columns, and a description to copy."""
     path = table.path
-    return "\n".join(
-        [
-            f"{path}: {table.rows} rows of {len(table.columns)} columns",
-            *shown(table),
-            "",
-            f"A description to copy into a YAML file (`contactfusion init {path} --out "
-            f"{path.stem}.yaml` writes a whole configuration):",
-            "",
-            *described(table, path.name),
-        ]
-    )
+    lines = [
+        f"{path}: {table.rows} rows of {len(table.columns)} columns",
+        *shown(table),
+        "",
+        f"A description to copy into a YAML file (`contactfusion init {path} --out "
+        f"{path.stem}.yaml` writes a whole configuration):",
+        "",
+        *described(table, path.name),
+    ]
+    return "\n".join(map(printable, lines))
 
 
 def shown(table: TableInspection) -> Iterator[str]:

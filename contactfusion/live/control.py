@@ -8,14 +8,17 @@ import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import shorten
 from typing import final
 
-from contactfusion.errors import ConfigurationError, ContactFusionError, name_hint
+from contactfusion.errors import ConfigurationError, ContactFusionError, cause_in, name_hint
 
 LONGEST = 65536
 """The longest order, and the longest wait for it [characters]."""
 PATIENCE = 10.0
 """The longest wait for an order, or for what came of it [s]."""
+SHOWN = 60
+"""So much of an order that fails is repeated [characters]."""
 SUFFIX = ".sock"
 
 
@@ -87,10 +90,20 @@ class Control:
 
     def _answer(self, connection: socket.socket) -> None:
         try:
-            answer = {"ok": True, "text": self._order(_line(connection))}
+            answer = {"ok": True, "text": self._done(_line(connection))}
         except ContactFusionError as error:
             answer = {"ok": False, "text": str(error)}
         connection.sendall(json.dumps(answer).encode() + b"\n")
+
+    def _done(self, order: str) -> str:
+        try:
+            return self._order(order)
+        except ContactFusionError:
+            raise
+        except Exception as error:  # it is for who ordered, and ends no thread
+            shown = shorten(order, SHOWN, placeholder=" …")
+            cause = cause_in(error, "contactfusion")
+            raise ConfigurationError(f"the order '{shown}' failed: {cause}") from error
 
 
 def ask(order: str, name: str | None = None) -> str:

@@ -15,18 +15,25 @@ Column = int | str
 """A column by its number, counted from 1, or by its name."""
 RANGE = re.compile(r"(.*?)(\d{1,18})\.\.(.*?)(\d{1,18})")
 MOST = 10_000
-"""The greatest number of columns of a range."""
+"""The greatest number of columns of a range, and of a reading."""
+LONGEST = 500
+"""The greatest length of a range, of which every column repeats the name [characters]."""
 
 
 def _columns(value: Any) -> Any:
     """Take one column or a list of them, and write ranges out."""
-    if not isinstance(value, list | tuple):
-        value = [value]
-    return tuple(column for item in value for column in written_out(item))
+    columns: list[Any] = []
+    for item in value if isinstance(value, list | tuple) else [value]:
+        columns += written_out(item)
+        if len(columns) > MOST:
+            raise ValueError(f"a reading has more than {MOST} columns")
+    return tuple(columns)
 
 
 def written_out(item: Any) -> list[Any]:
     """Write out ``p0..p14`` or ``7..18``: the names, or the numbers, from the first to the last."""
+    if isinstance(item, str) and ".." in item and len(item) > LONGEST:
+        raise ValueError(f"'{item[:20]}…' is a range of more than {LONGEST} characters")
     ends = RANGE.fullmatch(item) if isinstance(item, str) else None
     if ends is None:
         return [item]

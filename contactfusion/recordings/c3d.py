@@ -1,5 +1,6 @@
 """C3D: force plates, markers and events of motion capture, read with ezc3d (extra `c3d`)."""
 
+import lzma
 import struct
 import tempfile
 import zipfile
@@ -204,7 +205,8 @@ def _unpacked(path: Path) -> Iterator[Path]:
                 unpacked = Path(archive.extract(names[0], folder))
         except (zipfile.BadZipFile, zlib.error, EOFError) as error:
             raise RecordingError(f"{path} is cut off, or no zip file: {error}") from None
-        except (ValueError, RuntimeError) as error:  # encrypted, or an unknown compression
+        # encrypted, an unknown compression, or damaged within bzip2 or LZMA
+        except (ValueError, RuntimeError, OSError, lzma.LZMAError) as error:
             raise RecordingError(f"{path} can't be unpacked: {error}") from None
         yield unpacked
 

@@ -23,6 +23,7 @@ import logging
 import os
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, final
@@ -37,7 +38,7 @@ from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Reading
 from contactfusion.readings.codec import Codec
-from contactfusion.readings.columns import Column, ColumnsConfig
+from contactfusion.readings.columns import Column, ColumnsConfig, written_out
 from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.recording import RecordingFormat
 from contactfusion.recordings.series import (
@@ -70,6 +71,8 @@ Hz whose seconds are taken for milliseconds seems to have 10 kHz."""
 SLOW = 5.0
 """The greatest distance of rows [s]; slower ones follow no contact, and milliseconds of a sensor of
 100 Hz that are taken for seconds are 10 s apart."""
+MOST_COLUMNS = 100_000
+"""The greatest number of columns of all readings of a log, as often as several have them."""
 
 log = logging.getLogger(__name__)
 
@@ -164,8 +167,23 @@ class LogConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _single(cls, fields: Any) -> Any:
-        """The fields of a single file as those of several."""
+        """The fields of a single file as those of several, with columns in bounds."""
+        count = 0
+        for item in _column_items(fields["files"] if "files" in fields else [fields]):
+            with suppress(ValueError):  # it is no range, which its reading refuses
+                count += len(written_out(item))
+            if count > MOST_COLUMNS:
+                raise ConfigurationError(f"its readings have more than {MOST_COLUMNS} columns")
         return fields if "files" in fields else {"files": (LogFile(**fields),)}
+
+
+def _column_items(files: Any) -> Iterator[Any]:
+    """Columns and ranges of the fields of files, as far as they are such fields."""
+    for file in files if isinstance(files, list | tuple) else ():
+        readings = file.get("readings") if isinstance(file, Mapping) else None
+        for reading in readings.values() if isinstance(readings, Mapping) else ():
+            columns = reading.get("columns") if isinstance(reading, Mapping) else None
+            yield from columns if isinstance(columns, list | tuple) else [columns]
 
 
 @final

@@ -1,9 +1,10 @@
 """Columns of numbers from text tables (CSV and the like) and from NumPy files."""
 
 import csv
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +34,8 @@ class TextFormat(NamedTuple):
 
 
 AS_FOUND = TextFormat()
+PACKED = (".gz", ".bz2", ".xz", ".lzma")
+"""Suffixes of files that NumPy would unpack."""
 
 
 def read_columns(
@@ -82,7 +85,8 @@ def column_names(path: Path) -> list[Column]:
     layout = _layout(path, AS_FOUND)
     names = layout.names or [""] * layout.width
     return [
-        name if name and names.count(name) == 1 else number for number, name in enumerate(names, 1)
+        name if name and len(layout.places[name]) == 1 else number
+        for number, name in enumerate(names, 1)
     ]
 
 
@@ -93,9 +97,19 @@ class _Layout:
     names: list[str]
     width: int
 
+    @cached_property
+    def places(self) -> Mapping[str, list[int]]:
+        """By name: the columns that have it, counted from 0."""
+        found: dict[str, list[int]] = {}
+        for place, name in enumerate(self.names):
+            found.setdefault(name, []).append(place)
+        return found
+
     def cells(self, line: str) -> list[str]:
         if self.delimiter is None:
-            return line.split()
+            cells = line.split()
+            quoted = next(csv.reader([" ".join(cells)], delimiter=" ")) if '"' in line else cells
+            return quoted if len(quoted) < len(cells) else cells  # names keep their quotes
         return next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True))
 
 
@@ -119,12 +133,15 @@ def _text_columns(
         quotechar='"',
     )
     try:
-        if problem := _uneven(path, columns, indices, layout):
-            raise RecordingError(problem)
-        try:
-            table = read()
-        except ValueError:  # an empty cell, or a bad one; converting each is five times slower
-            table = read(converters=lambda cell: dtype(cell.strip() or "nan"))
+        if _require_even(path, columns, indices, layout):
+            rows = (layout.cells(line) for _, line in _rows(path, layout))
+            cells = (_number(row[index], dtype) for row in rows for index in indices)
+            table = np.fromiter(cells, dtype).reshape(-1, len(indices))
+        else:
+            try:
+                table = read()
+            except ValueError:  # an empty cell, or a bad one; converting each is five times slower
+                table = read(converters=lambda cell: _number(cell, dtype))
     except UnicodeDecodeError:
         raise RecordingError(f"{path} is no text in UTF-8") from None
     except (ValueError, csv.Error) as error:
@@ -134,6 +151,10 @@ def _text_columns(
 
 
 def _layout(path: Path, text: TextFormat) -> _Layout:
+    if path.suffix in PACKED:
+        raise RecordingError(
+            f"{path} is compressed by its name: unpack it, or rename it where it is text"
+        )
     try:
         return _laid_out(path, text)
     except UnicodeDecodeError:
@@ -173,12 +194,24 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
                 yield number, line
 
 
+def _number(cell: str, dtype: type[np.floating[Any]] = np.float64) -> np.floating[Any]:
+    """The number in a cell; NaN where it is empty.
+
+    Raises:
+        ValueError: it is none, or one of Python alone, such as `1_000` and digits of other scripts.
+    """
+    text = cell.strip() or "nan"
+    if "_" in text or not text.isascii():
+        raise ValueError
+    return dtype(text)
+
+
 def _is_number(cell: str) -> bool:
     try:
-        float(cell)
+        _number(cell)
     except ValueError:
         return False
-    return True
+    return bool(cell.strip())
 
 
 def _index(path: Path, layout: _Layout, column: Column) -> int:
@@ -190,41 +223,63 @@ def _index(path: Path, layout: _Layout, column: Column) -> int:
         raise RecordingError(
             f"{path} has no header that names column '{column}': give its number, from 1"
         )
-    match layout.names.count(column):
-        case 0:
+    match layout.places.get(column, []):
+        case []:
             hint = name_hint(column, filter(None, layout.names), "columns")
             raise RecordingError(f"{path} has no column '{column}'; {hint}")
-        case 1:
-            return layout.names.index(column)
-        case count:
-            raise RecordingError(f"{path} has {count} columns '{column}': give a number, from 1")
+        case [place]:
+            return place
+        case places:
+            raise RecordingError(
+                f"{path} has {len(places)} columns '{column}': give a number, from 1"
+            )
 
 
-def _uneven(
+def _require_even(
     path: Path, columns: Sequence[Column], indices: Sequence[int], layout: _Layout
-) -> str | None:
-    """The sentence on the first row with other columns than the first line."""
-    least = layout.width
-    while layout.names and not layout.names[least - 1]:
+) -> bool:
+    """Refuse a row with other columns than the first line.
+
+    Returns:
+        Whether NumPy would part cells elsewhere: at double blanks, or at a quote that comes after a
+        blank or stays open.
+
+    Raises:
+        RecordingError: there is one, or a quote in a table of white space stays open.
+    """
+    mark, least = layout.delimiter, layout.width
+    parts_otherwise = mark == " "
+    late = re.compile(f'(?:^|{re.escape(mark or "")}) +"')
+    while least and layout.names and not layout.names[least - 1]:
         least -= 1  # names of which the last are empty end with delimiters, rows need not
     for number, line in _rows(path, layout):
-        mark = layout.delimiter
-        if mark and '"' not in line and line.count(mark) + 1 == layout.width:
+        is_quoted = '"' in line
+        if mark not in (None, " ") and not is_quoted and line.count(mark) + 1 == layout.width:
             continue
         cells = layout.cells(line)
         while len(cells) > layout.width and not cells[-1].strip():
             cells.pop()
-        if least <= len(cells) <= layout.width:
+        if is_quoted and mark is None and _stays_open(line):
+            raise RecordingError(f"{path}, line {number}: a quote stays open")
+        if is_quoted and (line.count('"') % 2 or (' "' in line and late.search(line))):
+            parts_otherwise = mark is not None
+        if least <= len(cells) <= layout.width and max(indices, default=0) < len(cells):
             continue
         end = _cut_off(path, number)
         for column, index in zip(columns, indices, strict=True):
             if index >= len(cells):
                 lacks = f"column {_named(column)} is missing: the line has {len(cells)} cells"
-                return f"{path}, line {number}: {lacks}{end}"
+                raise RecordingError(f"{path}, line {number}: {lacks}{end}")
         above = f"{layout.width} names" if layout.names else f"{layout.width} in the first line"
         hint = "; are commas meant as decimal points?" if mark == "," and not end else ""
-        return f"{path}, line {number}: {len(cells)} cells under {above}{end}{hint}"
-    return None
+        raise RecordingError(f"{path}, line {number}: {len(cells)} cells under {above}{end}{hint}")
+    return parts_otherwise
+
+
+def _stays_open(line: str) -> bool:
+    """Whether the last cell of a line, parted at white space, goes on in the next line."""
+    *_, last = next(csv.reader([" ".join(line.split()) + "\n"], delimiter=" "))
+    return last.endswith("\n")
 
 
 def _bad_cell(

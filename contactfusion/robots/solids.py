@@ -4,9 +4,14 @@ Meshes may be open, nested or of inconsistent orientation. So nothing here asks 
 point is on the surface when rays from it escape, on the side from which more of them do.
 """
 
+import os
+import re
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +36,16 @@ ROBUST = (".stl", ".obj")
 """Suffixes of meshes on which open3d does not crash; others are read in a process of their own."""
 MEMORY = 2**32
 """The addresses that this process may take, with the library [bytes]."""
+LARGEST: Final = 2**28
+"""The greatest size of an OBJ file [bytes]."""
+LARGEST_LIBRARY: Final = 2**24
+"""The greatest size of its library of materials [bytes]."""
+HIDDEN: Final = b"\x01"
+"""What takes the place of each b in an OBJ file."""
+LIBRARY: Final = re.compile(rb"(?m)^[ \t]*mtlli\x01[ \t]+([^\r\n]+)")
+"""The name of a library of materials in an OBJ file without the letter b."""
+MATERIAL: Final = re.compile(rb"(?m)^[ \t]*newmtl[ \t]+([^\0\f\r\n]+)")
+"""The name of a material in a library."""
 LIFT = 2e-4
 """Distance from the surface at which rays start [m]."""
 
@@ -165,12 +180,14 @@ def _scene(meshes: Sequence[tuple[FloatArray, NDArray[np.uint32]]]) -> Any:
 
 def _closed(shape: Mesh) -> Any:
     """A mesh with its holes closed: links' meshes are often open where the next link begins."""
-    open3d, file = loaded_open3d(), str(shape.file.resolve())
+    open3d, path = loaded_open3d(), shape.file.resolve()
     try:
-        is_robust = shape.file.suffix.lower() in ROBUST
+        is_robust, file = path.suffix.lower() in ROBUST, str(path)
         read = read_mesh(file) if is_robust else confined(read_mesh, file, memory=MEMORY)
     except LimitError as error:
         raise RobotError(f"{shape.file} can't be read: {error}") from None
+    except OSError as error:
+        raise RobotError(f"{shape.file} can't be read: {error.strerror}") from None
     vertices, triangles = read
     if not np.isfinite(vertices).all():
         raise RobotError(f"{shape.file} holds corners that are not finite")
@@ -195,7 +212,51 @@ def read_mesh(file: str) -> tuple[FloatArray, NDArray[np.int32]]:
     """The vertices (v, 3) of a mesh, and the triangles (t, 3) of their rows.
 
     Both are empty where open3d reads none.
+
+    Raises:
+        LimitError: it is larger than any.
+        OSError: it cannot be read, or not copied.
     """
+    if Path(file).suffix.lower() != ".obj":
+        return _as_open3d_reads(file)
+    with TemporaryDirectory(prefix="contactfusion-") as folder:
+        copy = Path(folder) / "mesh.obj"
+        _copy_alone(Path(file), copy)
+        return _as_open3d_reads(str(copy))
+
+
+def _copy_alone(file: Path, copy: Path) -> None:
+    """Copy an OBJ file, so that open3d opens no other file that it names.
+
+    Textures may lie anywhere, and promise more pixels than memory holds. Of the library there
+    remain the names of materials, by whose order open3d orders the triangles. A statement may be
+    broken up in many ways, but none is `mtllib` without the letter b, and none on shapes has it.
+    """
+    content = _content(file, LARGEST).replace(b"b", HIDDEN)
+    if named := LIBRARY.search(content):
+        name = os.fsdecode(named[1].replace(HIDDEN, b"b").strip())
+        materials = b"".join(b"newmtl %s\n" % each for each in _materials(file, name))
+        copy.with_suffix(".mtl").write_bytes(materials.replace(b"b", HIDDEN))
+        content = b"%smtllib mesh.mtl%s" % (content[: named.start()], content[named.end() :])
+    copy.write_bytes(content)
+
+
+def _materials(file: Path, name: str) -> list[bytes]:
+    """The names in the library of an OBJ file, if it lies in the folder of the file."""
+    for path in (file.parent / name, file.with_suffix(".mtl")):  # open3d looks for both
+        with suppress(OSError):
+            if path.is_file() and path.resolve().is_relative_to(file.parent):
+                return MATERIAL.findall(_content(path, LARGEST_LIBRARY))
+    return []
+
+
+def _content(file: Path, most: int) -> bytes:
+    if (size := file.stat().st_size) > most:
+        raise LimitError(f"{file.name} has {size} bytes, more than {most}")
+    return file.read_bytes()
+
+
+def _as_open3d_reads(file: str) -> tuple[FloatArray, NDArray[np.int32]]:
     open3d = loaded_open3d()
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         mesh = open3d.io.read_triangle_mesh(file)

@@ -124,7 +124,7 @@ def explain_recording(
             session.complain()  # when it broke off before that time
             raise
         explained = explanation.explanation_of(moment, settings, at)
-    say(explanation.as_json(explained) if as_json else text.as_text(explained))
+    say(explanation.as_json(explained) if as_json else text.as_text(explained), lines=True)
     if picture is not None:
         from contactfusion.explain.picture import picture as drawn
 
@@ -150,7 +150,7 @@ def ablate_recording(source: Source, out: Path) -> None:
         task = f"leaving sources out of {source.recording}"
         worths = ablated(followed(session.steps(), task, session.stream.end))
     paths = write_ablation(worths, out)
-    note(table(worths))
+    note(table(worths), lines=True)
     try:
         paths.append(write_picture(worths, out))
     except DependencyError as error:
@@ -199,6 +199,6 @@ def tune_recording(
             },
         )
     paths = write_tuning(tuned, out)
-    note(table(tuned))
+    note(table(tuned), lines=True)
     say(f"results: {', '.join(map(str, paths))}")
     session.complain()

@@ -23,7 +23,7 @@ from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import DESCRIBED, SUFFIXES, YAML, unfit_configuration
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.step_messages import OURS
-from contactfusion.yaml_files import read_yaml
+from contactfusion.yaml_files import read_yaml, require_shallow
 
 TOPIC: Final = f"{OURS}configuration"
 """Where a run keeps its configuration, as std_msgs/String."""
@@ -230,6 +230,7 @@ def kept_setting(path: Path) -> Setting | None:
         return None
     try:
         kept = Kept(**json.loads(text))
+        require_shallow(kept.configuration)
     except (ConfigurationError, ValueError, TypeError, RecursionError) as error:
         raise RecordingError(f"{path}: {TOPIC} is not what a run writes: {error}") from None
     folder = path.parent / kept.folder

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.files import make_folder, require_settings, write_whole
+from contactfusion.files import make_folder, read_json, require_settings, write_whole
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.model import Model
 from contactfusion.pipeline import Pipeline
@@ -432,7 +432,7 @@ def _digest(path: Path) -> str:
 
 def _read(path: Path) -> Score:
     try:
-        held: Mapping[str, Any] = json.loads(path.read_text())
+        held: Mapping[str, Any] = read_json(path)
         first, second = held["halves"]
         halves = (Half.from_dict(first), Half.from_dict(second))
         return Score(float(held["first_s"]), float(held["last_s"]), halves)

@@ -57,9 +57,10 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     write_npz(path, **(held | {"kind": held["kind"] + 9}))
     with pytest.raises(ConfigurationError, match=r"trial.npz: kind holds"):
         load(path)
-    write_npz(path, **(held | {"told": "[]"}))
-    with pytest.raises(ConfigurationError, match=r"trial.npz is no labelled trial"):
-        load(path)
+    for text in ("[]", "3", "[" * 100_000):
+        write_npz(path, **(held | {"told": text}))
+        with pytest.raises(ConfigurationError, match=r"trial.npz is no labelled trial"):
+            load(path)
     del held["stamp"]
     write_npz(path, **held)
     with pytest.raises(ConfigurationError, match="lacks stamp"):

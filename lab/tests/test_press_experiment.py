@@ -58,9 +58,10 @@ def test_a_trial_is_read_as_it_was_written(tmp_path: Path) -> None:
     one = trial(0, "panda_link5", found(links=("panda_link4", "panda_link5")))
     path.write_bytes(content_of(one))
     assert load(path) == one
-    path.write_text("{}")
-    with pytest.raises(ConfigurationError, match="is no trial of this experiment"):
-        load(path)
+    for content in ("{}", "[" * 100_000):
+        path.write_text(content)
+        with pytest.raises(ConfigurationError, match="is no trial of this experiment"):
+            load(path)
 
 
 def test_the_right_set_of_links_counts_where_one_is_not_decided() -> None:

@@ -29,7 +29,7 @@ from contactfusion_lab.experiments.push.plan import (
     read_targets,
 )
 from contactfusion_lab.experiments.push.suites import controller_options
-from contactfusion_lab.experiments.push.trial import KINDS, content_of, load, run_trial
+from contactfusion_lab.experiments.push.trial import ARRAYS, KINDS, content_of, load, run_trial
 from contactfusion_lab.scenes.push.config import (
     PushConfig,
     SkinConfig,
@@ -341,6 +341,11 @@ class TestTrial:
         np.savez(tmp_path / "odd.npz", told="{}")
         with pytest.raises(ConfigurationError, match=r"odd\.npz lacks"):
             load(tmp_path / "odd.npz")
+        for text in ("3", "[" * 100_000):
+            held: dict[str, Any] = {"told": text, **dict.fromkeys(ARRAYS, [0.0])}
+            np.savez(tmp_path / "odd.npz", **held)
+            with pytest.raises(ConfigurationError, match=r"odd\.npz is no push"):
+                load(tmp_path / "odd.npz")
 
 
 class TestExperiment:

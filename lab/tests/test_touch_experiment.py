@@ -581,9 +581,10 @@ class TestExperiment:
             run_touch(SMALL, copied)
 
     def test_a_file_that_is_no_touch_is_reported(self, tmp_path: Path) -> None:
-        write_npz(tmp_path / "one.npz", **{"told": "{}", "read/joints": []})
-        with pytest.raises(ConfigurationError, match=r"one\.npz is no trial of this experiment"):
-            load(tmp_path / "one.npz")
+        for text in ("{}", "[" * 100_000):
+            write_npz(tmp_path / "one.npz", **{"told": text, "read/joints": []})
+            with pytest.raises(ConfigurationError, match=r"one\.npz is no trial of this"):
+                load(tmp_path / "one.npz")
 
     @pytest.mark.slow
     def test_a_fault_of_a_sensor_that_there_is_not_is_reported(self, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion_lab.trials.folder import trial_file
+from contactfusion_lab.trials.folder import joined, trial_file
 
 
 def test_a_trial_lies_in_the_folder_by_the_parts_of_its_name(tmp_path: Path) -> None:
@@ -17,3 +17,10 @@ def test_a_trial_lies_in_the_folder_by_the_parts_of_its_name(tmp_path: Path) -> 
 def test_a_name_that_leads_elsewhere_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigurationError, match="can't be that of a file"):
         trial_file(tmp_path, name, ".npz")
+
+
+@pytest.mark.parametrize(("text", "times"), [(b"[", 100_000), (b"[[1, 2]]", 1), (b"\xff", 1)])
+def test_settings_that_are_damaged_are_a_sentence(tmp_path: Path, text: bytes, times: int) -> None:
+    (tmp_path / "settings.json").write_bytes(text * times)
+    with pytest.raises(ConfigurationError, match=r"settings\.json is damaged: give another --out"):
+        joined({"a": 1}, tmp_path, (), "trials")

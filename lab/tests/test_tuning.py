@@ -156,9 +156,18 @@ def test_a_search_goes_on_where_it_stopped(tmp_path: Path, quick: list[int]) -> 
         )
     with pytest.raises(ConfigurationError, match="pushes of other trials"):
         tune_push(replace(FEW, trials=7), tmp_path / "part")
-    (tmp_path / "part" / "rounds" / "000.json").write_text("[{}]")
-    with pytest.raises(ConfigurationError, match="damaged"):
-        tune_push(FEW, tmp_path / "part")
+    for text in ("[{}]", "[" * 100_000):
+        (tmp_path / "part" / "rounds" / "000.json").write_text(text)
+        with pytest.raises(ConfigurationError, match="damaged"):
+            tune_push(FEW, tmp_path / "part")
+
+
+@pytest.mark.parametrize(("text", "times"), [("{}", 1), ("[", 100_000)])
+def test_a_damaged_rating_is_a_sentence(tmp_path: Path, text: str, times: int) -> None:
+    path = tmp_path / "rating.json"
+    path.write_text(text * times)
+    with pytest.raises(ConfigurationError, match=r"rating\.json is damaged: remove it"):
+        rating.kept_in_bullet(TUNED, 1, 0, Here(), Progress("pushes", 1), path)
 
 
 def test_what_is_found_can_be_used_by_name(tmp_path: Path, quick: list[int]) -> None:

@@ -209,6 +209,9 @@ def _files_in(path: Path) -> list[Path]:
     whole = not any(_lacks_its_end(file) for file in path.glob("*.mcap") if file.is_file())
     metadata = path / "metadata.yaml"
     if whole and metadata.is_file() and metadata.stat().st_size <= LARGEST:
+        for entry in path.iterdir():  # the metadata may name any of them
+            if not entry.is_dir() and entry.exists():
+                require_file(entry, RecordingError)
         return [path]
     kinds = (*ROS1, *ROS2)
     files = sorted(file for file in path.iterdir() if file.suffix in kinds and file.is_file())

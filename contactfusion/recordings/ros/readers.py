@@ -22,6 +22,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, Self, final
 
 from contactfusion.recordings.checksums import FOOTER, require_checksums
 from contactfusion.recordings.log import LONGEST_FALL
+from contactfusion.recordings.ros.sqlite import bound_sqlite
 from contactfusion.unpacking import Unpacker, most_bytes, unpacked
 
 if TYPE_CHECKING:
@@ -344,6 +345,7 @@ def bound_rosbags() -> None:
     ros1.decompressors |= {
         name: partial(unpacked, unpacker=unpackers[name]) for name in ("bz2", "lz4")
     }
+    bound_sqlite()
     for storage in ("storage_mcap", "storage_sqlite3"):
         module: Any = import_module(f"rosbags.rosbag2.{storage}")
         module.parse_qos = partial(_bounded_qos, module.parse_qos)

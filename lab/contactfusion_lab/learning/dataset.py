@@ -92,7 +92,7 @@ def load(path: Path) -> LabelledTrial:
         return _trial(held)
     except ConfigurationError as error:
         raise ConfigurationError(error.problem, str(path)) from None
-    except (KeyError, TypeError, ValueError):
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no labelled trial") from None
 
 

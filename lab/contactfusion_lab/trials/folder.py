@@ -4,6 +4,7 @@ import io
 import json
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from contactfusion.errors import ConfigurationError, missing_extra
-from contactfusion.files import make_folder, write_whole
+from contactfusion.files import make_folder, read_json, write_whole
 
 TRIALS = "trials"
 """The folder in it that keeps them."""
@@ -66,10 +67,9 @@ def joined(
         if out.is_dir() and any(map(_is_held, out.iterdir())):
             raise ConfigurationError(f"{out} holds files, but no settings.json: give another --out")
         return together
-    try:
-        held = json.loads(path.read_text())
-    except ValueError:
-        held = None
+    held: Any = None
+    with suppress(ConfigurationError):
+        held = read_json(path)
     if not isinstance(held, dict):
         raise ConfigurationError(f"{path} is damaged: {remedy}")
     if held.keys() != together.keys():

@@ -125,7 +125,7 @@ def main(
     found = {name: tuned(name, pairs, SEED, Local(workers)) for name in lidar or MOUNTINGS}
     make_folder(out)
     write_whole(out / "table.md", table_of(found) + "\n")
-    note(table_of(found))
+    note(table_of(found), lines=True)
 
 
 if __name__ == "__main__":

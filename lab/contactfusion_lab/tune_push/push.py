@@ -224,7 +224,7 @@ def _report(
         },
     }
     write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
-    note(table)
+    note(table, lines=True)
     say(f"the best is {best}: {out / 'parameters.yaml'}")
 
 
@@ -313,4 +313,4 @@ def _write_check(ratings: Mapping[str, tuple[Rating, Rating]], out: Path) -> Non
     write_whole(out / "check.csv", csv)
     write_whole(out / "check.md", table + "\n")
     write_whole(out / "check.json", json.dumps(summary, indent=1) + "\n")
-    note(table)
+    note(table, lines=True)

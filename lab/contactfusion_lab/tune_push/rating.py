@@ -12,7 +12,7 @@ import numpy as np
 from contactfusion.controllers.pushing_parameters import PushingParameters
 from contactfusion.controllers.reactive_pushing import ReactivePushing, ReactivePushingConfig
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import write_whole
+from contactfusion.files import read_json, write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.terminal import Progress
 from contactfusion_lab.experiments.push.plan import Plan, Push, Targets, read_plan
@@ -217,7 +217,7 @@ def kept_in_bullet(
         write_whole(path, json.dumps(asdict(rating)) + "\n")
         return rating
     try:
-        held = json.loads(path.read_text())
+        held = read_json(path)
         rating = Rating(tuple(held["success"]), tuple(held["time"]))
     except (ValueError, TypeError, KeyError):
         raise ConfigurationError(f"{path} is damaged: remove it, and it is made again") from None

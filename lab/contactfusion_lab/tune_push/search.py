@@ -11,7 +11,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.pushing_parameters import PushingParameters
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import write_whole
+from contactfusion.files import read_json, write_whole
 
 POPULATION, ELITE = 24, 6
 """Number of sets of a round, and of those that the next round is drawn around."""
@@ -105,7 +105,7 @@ def load_round(path: Path) -> list[Candidate]:
         ConfigurationError: the file is damaged.
     """
     try:
-        rows = json.loads(path.read_text())
+        rows = read_json(path)
         return [Candidate(**{**row, "vector": tuple(row["vector"])}) for row in rows]
     except (ValueError, TypeError, KeyError):
         raise ConfigurationError(f"{path} is damaged: remove it, and it is made again") from None

@@ -80,7 +80,7 @@ def evaluate(
     )
     draw_success(summaries, out / "success.png")
     draw_places(frame, out / "places.png")
-    note(f"{success}\n\n{measures}", end="\n\n")
+    note(f"{success}\n\n{measures}", end="\n\n", lines=True)
 
 
 def _summary(part: pd.DataFrame, seed: int) -> dict[str, dict[str, Any]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
+from contactfusion.files import read_json
 from contactfusion.generators.joint_torque import UNDECIDED
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.identify.identification import identify_file
@@ -203,7 +204,7 @@ def load(path: Path) -> Trial:
         ConfigurationError: it is no trial.
     """
     try:
-        fields = json.loads(path.read_text())
+        fields = read_json(path)
         found = tuple(Found(**{**each, "links": tuple(each["links"])}) for each in fields["found"])
         press, links = Press(**fields["press"]), tuple(fields["links"])
         return Trial(press, links, tuple(fields["forces"]), found)

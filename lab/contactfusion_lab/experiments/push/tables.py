@@ -147,7 +147,7 @@ def evaluate(
         trajectories = [figures.Trajectory.of(tracks[row]) for row in part.index]
         figures.draw_trajectories(part, trajectories, out / f"paths_{stem}.png")
     figures.draw_bars(frame, comparisons, out / "bars.png")
-    note(success, end="\n\n")
+    note(success, end="\n\n", lines=True)
 
 
 def chosen_before(

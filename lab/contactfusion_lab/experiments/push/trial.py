@@ -257,7 +257,7 @@ def load(path: Path) -> Track:
     held = read_arrays(path, "told", *ARRAYS)
     try:
         return _read(held)
-    except (KeyError, TypeError, ValueError):
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no push of this experiment") from None
 
 

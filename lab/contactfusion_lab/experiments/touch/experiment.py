@@ -258,7 +258,7 @@ def _evaluate(
             path = out / "pictures" / f"{name}_{method.stem}.png"
             figures.draw_touch(by_name[name], config, method, path)
     for method in methods[:DRAWN]:
-        note(tables.table_text(measures, rows, str(method)), end="\n\n")
+        note(tables.table_text(measures, rows, str(method)), end="\n\n", lines=True)
     summary = _summary(trials) | {
         "free motions": len(motions),
         "touched though in free motion": len(motions) - alarms["motion"].nunique(),

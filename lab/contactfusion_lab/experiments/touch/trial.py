@@ -248,7 +248,7 @@ def _loaded(path: Path, read: Callable[[Mapping[str, Any], Mapping[str, Any]], T
     held = read_arrays(path, "told", "read/joints")
     try:
         return read(json.loads(str(held["told"])), held)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, RecursionError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no trial of this experiment") from None
 
 

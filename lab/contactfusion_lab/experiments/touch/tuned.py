@@ -138,7 +138,7 @@ def tune(options: Options, out: Path) -> Method:
         str(method): [float(costs[method].mean()) for costs in costs_by_seed] for method in shown
     }
     write_whole(out / "summary.json", as_json({"best": str(left[0]), "gospa": summary}))
-    note((out / "table.md").read_text())
+    note((out / "table.md").read_text(), lines=True)
     return left[0]
 
 
