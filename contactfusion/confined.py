@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
+from contactfusion.limits import raised
+
 SECONDS: Final = 20.0
 """The time that a call may take, of the clock and of the processor [s]."""
 START_SECONDS: Final = 10.0
@@ -47,6 +49,7 @@ def confined(
         Exception: that which the function raised.
     """
     command = [sys.executable, "-I", "-c", START]
+    seconds, memory = raised(seconds), round(raised(memory))
     call = function.__module__, function.__qualname__, arguments, seconds, memory
     given = pickle.dumps([path for path in sys.path if path]) + pickle.dumps(call)
     status, answer, _ = completed(command, given, seconds=seconds + START_SECONDS)

@@ -1,5 +1,7 @@
 """Estimate of the memory that a configuration needs, before anything is allocated."""
 
+from contactfusion.limits import raised
+
 MOST_MEMORY = 2.5e9
 """The most memory that is allowed at once [bytes]: that of ten million points of a surface, as
 those of a crane of 100 m at a spacing of 9 mm."""
@@ -22,11 +24,10 @@ def too_much(what: str, count: float, each: int, of: str = "points") -> str:
         each: the memory of an element [bytes].
         of: the plural of the elements' name.
     """
-    if count * each <= MOST_MEMORY:
+    most = raised(MOST_MEMORY)
+    if count * each <= most:
         return ""
-    return (
-        f"{what} is {counted(count)} {of}, {size(count * each)}, more than {MOST_MEMORY / 1e9:g} GB"
-    )
+    return f"{what} is {counted(count)} {of}, {size(count * each)}, more than {most / 1e9:g} GB"
 
 
 def counted(count: float) -> str:

@@ -10,6 +10,8 @@ from typing import IO, Final, Protocol
 
 import numpy as np
 
+from contactfusion.limits import raised
+
 TIMES: Final = 100
 """The greatest ratio of unpacked to packed size, unless it is small."""
 SMALL: Final = 2**28
@@ -44,7 +46,7 @@ class Unpacker(Protocol):
 
 def most_bytes(packed: int) -> int:
     """The greatest size to which packed bytes may unpack [bytes]."""
-    return max(SMALL, TIMES * packed)
+    return round(raised(max(SMALL, TIMES * packed)))
 
 
 def unpacked(packed: bytes, unpacker: Callable[[], Unpacker], most: int | None = None) -> bytes:

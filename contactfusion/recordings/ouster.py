@@ -12,6 +12,7 @@ from pathlib import Path
 from contactfusion.confined import LimitError, completed, ending
 from contactfusion.errors import DependencyError, RecordingError
 from contactfusion.files import make_folder, write_whole
+from contactfusion.limits import raised
 from contactfusion.terminal import note, say
 
 REQUIREMENTS = ("ouster-sdk==1.0.0", "mcap>=1.2,<2")
@@ -87,7 +88,9 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
     size = source.stat().st_size if source.is_file() else 0
     try:
         status, output, errors = completed(
-            command, seconds=SECONDS + size / SLOWEST, memory=MEMORY + TIMES * size
+            command,
+            seconds=raised(SECONDS + size / SLOWEST),
+            memory=round(raised(MEMORY + TIMES * size)),
         )
     except LimitError as error:
         raise RecordingError(f"{source} can't be converted: {error}") from None

@@ -21,6 +21,7 @@ from contactfusion.confined import LimitError, confined
 from contactfusion.errors import RobotError, missing_extra
 from contactfusion.estimate import MESH_SAMPLE, SAMPLE, too_much
 from contactfusion.frames import points_in
+from contactfusion.limits import raised
 from contactfusion.robots.urdf import Mesh
 from contactfusion.shapes import ShapeConfig, unit_vectors
 
@@ -251,6 +252,7 @@ def _materials(file: Path, name: str) -> list[bytes]:
 
 
 def _content(file: Path, most: int) -> bytes:
+    most = round(raised(most))
     if (size := file.stat().st_size) > most:
         raise LimitError(f"{file.name} has {size} bytes, more than {most}")
     return file.read_bytes()
