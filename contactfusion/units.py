@@ -2,7 +2,7 @@
 
 A field declares its unit by its type and its plausible limits by pydantic's own `ge` and `le`:
 
-    voxel_size: Metres = Field(default=0.005, gt=0, le=0.5)
+    voxel_size: Metres = Field(default=0.005, ge=1e-5, le=0.5)
 
 Limits are an order of magnitude beyond any known robot, from a gripper with voxels of 0.1 mm to a
 crane of 100 m: they exist to find millimetres, degrees and milliseconds.

@@ -295,7 +295,7 @@ def test_what_is_not_there_is_named_with_the_nearest_that_is(
     ("change", "words"),
     [
         ("integrator.voxle_size=0.01", ["integrator.voxle_size", "did you mean 'voxel_size'"]),
-        ("integrator.voxel_size=-1", ["integrator.voxel_size", "greater than 0", "-1"]),
+        ("integrator.voxel_size=-1", ["integrator.voxel_size", "the limit is 1e-05 m", "-1"]),
         ("integrator.voxel_size=.nan", ["integrator.voxel_size", "finite"]),
         ("integrator.threshold=1.5", ["integrator.threshold", "less than or equal to 1"]),
         ("integrator.rule=de_morgn", ["de_morgn", "did you mean 'de_morgan'"]),

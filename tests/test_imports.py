@@ -25,6 +25,7 @@ DATA = (
     "grid",
     "hypotheses",
     "jit",
+    "limits",
     "model",
     "nearest",
     "readings",

@@ -310,5 +310,5 @@ def test_without_an_absolute_xdg_cache_home_it_lies_in_the_users_home(
 
 def test_a_mesh_that_cannot_be_read_is_refused_as_without_a_cache(tmp_path: Path) -> None:
     gone = Mesh(tmp_path / "gone.obj", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    with pytest.raises(RobotError, match=r"gone.obj holds no triangles"):
+    with pytest.raises(RobotError, match=r"gone.obj can't be read: No such file"):
         fitted_spheres({"ball": (gone,)}, NAMES, 0.008)
