@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import resource
 import signal
 import socket
 import subprocess
@@ -341,6 +342,24 @@ def test_an_order_that_fails_is_a_sentence_and_the_next_is_carried_out(
             with pytest.raises(ConfigurationError, match=f"^the order '{text}' failed: {why}"):
                 ask(text)
         assert ask("x") == "1"
+
+
+def test_an_order_waits_for_want_of_descriptors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with Control("probe", str.upper), socket.socket(socket.AF_UNIX) as client:
+        (path,) = tmp_path.rglob("probe.sock")
+        resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
+        try:
+            client.connect(str(path))
+            client.sendall(b"tare\n")
+            assert b"TARE" in client.recv(1000)
+            time.sleep(0.1)  # the next order finds none
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert ask("tare") == "TARE"
 
 
 @pytest.mark.skipif(find_spec("rclpy") is not None, reason="rclpy is installed")

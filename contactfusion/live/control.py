@@ -1,11 +1,13 @@
 """`contactfusion ctl`: orders to a pipeline that runs, by a socket of this machine and user."""
 
 import contextlib
+import errno
 import json
 import os
 import socket
 import tempfile
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import shorten
@@ -19,6 +21,8 @@ PATIENCE = 10.0
 """The longest wait for an order, or for what came of it [s]."""
 SHOWN = 60
 """So much of an order that fails is repeated [characters]."""
+SHORTAGE = 0.2
+"""The time between two attempts while there are no descriptors, or no memory, for an order [s]."""
 SUFFIX = ".sock"
 
 
@@ -82,8 +86,11 @@ class Control:
         while True:
             try:
                 connection, _ = self._socket.accept()
-            except OSError:  # closed
-                return
+            except OSError as error:
+                if error.errno not in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+                    return  # closed
+                time.sleep(SHORTAGE)
+                continue
             with connection, contextlib.suppress(OSError):
                 connection.settimeout(PATIENCE)
                 self._answer(connection)
