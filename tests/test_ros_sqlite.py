@@ -152,3 +152,11 @@ def test_an_index_that_holds_other_values_than_its_table_is_an_error(tmp_path: P
 def test_indices_on_expressions_change_nothing(tmp_path: Path) -> None:
     path = changed(tmp_path, "CREATE INDEX i ON messages (hex(data)) WHERE hex(data) LIKE '%0%';")
     assert len(list(open_recording(path).readings())) == 6
+
+
+def test_a_stamp_before_1970_is_damage(tmp_path: Path) -> None:
+    path = changed(tmp_path, "UPDATE messages SET timestamp = -5 WHERE id = 3")
+    with pytest.raises(
+        RecordingError, match="damaged after 0 messages .a message has the stamp -5"
+    ):
+        list(open_recording(path).readings())

@@ -124,12 +124,15 @@ def _messages(
         *args: what is read.
 
     Raises:
-        ValueError: an index holds others than the table, which only was checked.
+        ValueError: an index holds others than the table, which only was checked, or a stamp is
+            negative.
     """
     left = _bound_work(reader.dbconn)
     for link, stamp, data in read(reader, *args):
         fits = isinstance(stamp, int) and isinstance(data, bytes) and len(data) <= left
         if not fits:
             raise ValueError("an index does not fit its table")
+        if stamp < 0:
+            raise ValueError(f"a message has the stamp {stamp} ns, before 1970")
         left -= len(data)
         yield link, stamp, data
