@@ -99,7 +99,9 @@ class Isolated(Generator[GeneratorConfig]):
         most = None if not live else ABSORBED if self._absorbs else 1
         self._waiting = deque[tuple[int, Packed]](maxlen=most)
         self._module = type(inner).__module__
-        self._ends, self._patience = 0, START
+        self._patience = START
+        self.ends = 0
+        """How often its process ended and was started again; a reading was lost each time."""
         self._busy = self._outdated = False
         self.answered = deque[int](maxlen=16)
         """The numbers of the readings whose clouds have come, the newest last; the first is 1."""
@@ -146,11 +148,6 @@ class Isolated(Generator[GeneratorConfig]):
         """That of the inner generator."""
         most: int | None = self._inner.most_hypotheses(grid)
         return most
-
-    @property
-    def ends(self) -> int:
-        """How often its process ended and was started again; a reading was lost each time."""
-        return self._ends
 
     @property
     def waits_for(self) -> str:
@@ -222,7 +219,7 @@ class Isolated(Generator[GeneratorConfig]):
     def reset(self) -> None:
         """Drop the readings that wait or are being processed; a process that ended starts again."""
         self._waiting.clear()
-        self._ends = self._given = 0
+        self.ends = self._given = 0
         self.resultant, self._waits_for = None, ""
         if self.out:
             self.out = ""
@@ -271,14 +268,14 @@ class Isolated(Generator[GeneratorConfig]):
 
     def _started_again(self, how: str) -> PluginError:
         """Start again unless that was done too often; the reading in process is lost."""
-        if self._ends == RESTARTS:
+        if self.ends == RESTARTS:
             return self._stay_out(f"{how} {RESTARTS + 1} times")
-        self._ends += 1
+        self.ends += 1
         if self._live:  # what waits would keep the new process busy with the past
             self._waiting.clear()
         self.close()
         self._start()
-        again = f"it is started again, {self._ends} of {RESTARTS} times"
+        again = f"it is started again, {self.ends} of {RESTARTS} times"
         return PluginError(f"the process of '{self.name}' {how}: {again}")
 
     def _stay_out(self, why: str) -> PluginError:

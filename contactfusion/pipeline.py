@@ -32,7 +32,7 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Resultant
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.inbox import OTHER_CLOCK
 from contactfusion.integrator.sources import Event, EventKind
-from contactfusion.isolation import Isolated
+from contactfusion.isolation import RESTARTS, Isolated
 from contactfusion.loop import play
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState, Odometry, Reading, Wrench
@@ -442,7 +442,8 @@ class Pipeline:
         """Why plug-ins did not take part all the time, by their field of the configuration."""
         out = {
             f"generators.{name}": generator.out
-            or f"its process ended {generator.ends} times, and was started again without a reading"
+            or f"its process was started again, {generator.ends} of {RESTARTS} times: readings "
+            "are lost"
             for name, generator in self.generators.items()
             if isinstance(generator, Isolated) and (generator.out or generator.ends)
         }

@@ -43,12 +43,18 @@ class FrozenEfforts:
 
     def __init__(self, lag: float) -> None:
         self._lag = lag
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin again, as the observer does."""
+        self.found: NDArray[np.bool_] = np.zeros((), np.bool_)
+        """Which efforts are frozen, shape (n,); none, of shape (), before the first."""
         self._efforts: FloatArray | None = None
 
-    def of(
+    def follow(
         self, stamp: float, efforts: FloatArray, left: FloatArray, deviations: FloatArray
-    ) -> NDArray[np.bool_]:
-        """Which efforts are frozen, shape (n,).
+    ) -> None:
+        """Take note of the efforts of a reading.
 
         Args:
             stamp: of the reading [s].
@@ -68,7 +74,7 @@ class FrozenEfforts:
         self._least = np.where(settled, np.minimum(self._least, left), left)
         self._greatest = np.where(settled, np.maximum(self._greatest, left), left)
         dead = (efforts == 0.0) & (self._count >= ZEROS) & (np.abs(left) > BEYOND * deviations)
-        return np.asarray(dead | (self._greatest - self._least > BEYOND * deviations))
+        self.found = dead | (self._greatest - self._least > BEYOND * deviations)
 
 
 class LoadWatch:

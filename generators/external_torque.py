@@ -66,7 +66,7 @@ class ExternalTorque:
         """The joints whose efforts are known, shape (n,)."""
         blank = EffortConfig(noise=1.0)
         own = [joints.get(name, blank) for name in self._names]
-        fields = ("noise", "offset", "constant", "coulomb", "viscous")
+        fields = ("noise", "offset", "per_unit", "coulomb", "viscous")
         self._noise, self._offset, self._constant, self._coulomb, self._viscous = (
             np.array([getattr(joint, field) for joint in own]) for field in fields
         )

@@ -127,14 +127,10 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             RobotError: it has no inertias, and the effort needs them.
         """
         config = self.config
-        stated = [
-            name for name, joint in config.joints.items() if "constant" in joint.model_fields_set
-        ]
-        if config.effort == "current" and (
-            missing := [n for n in config.joints if n not in stated]
-        ):
+        unstated = [name for name, joint in config.joints.items() if joint.constant is None]
+        if config.effort == "current" and unstated:
             raise ConfigurationError(
-                f"no torque per ampere of {', '.join(missing)}: give each its `constant`, which "
+                f"no torque per ampere of {', '.join(unstated)}: give each its `constant`, which "
                 "`identify` measures",
                 "joints",
             )
@@ -183,7 +179,6 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         self._sign, self._unexplained, self._reverse = SignWatch(), 0, False
         self._is_heard = False
         self._load, self._frozen = LoadWatch(), FrozenEfforts(1.0 / self.config.gain)
-        self._are_frozen: NDArray[np.bool_] = np.zeros(1, np.bool_)
         self._stamp: float | None = None
         if self._torque is not None:
             self._torque.reset()
@@ -230,12 +225,12 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         found = self._torque.update(reading, robot.positions, self._gravity(robot))
         if found is None:
             self._wrists.reset()
+            self._frozen.reset()
             return robot, None
         share, (torques, deviations) = self._torque.share, found
         if self.config.effort != "external" and share > 0.0:
-            self._are_frozen = self._frozen.of(reading.stamp, self._torque.reported, *found)
-            self._are_frozen &= self._torque.known
-        deviations = np.where(self._are_frozen, np.inf, deviations)
+            self._frozen.follow(reading.stamp, self._torque.reported, torques, deviations)
+        deviations = np.where(self._frozen.found, np.inf, deviations)
         return robot, self._wrists.left(robot, state.resultants, torques, deviations, share)
 
     def _gravity(self, robot: PosedRobot) -> FloatArray:
@@ -278,9 +273,6 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         ]
         left = [name for name in self._parts if name in measured and is_shared]
         elsewhere = (f"{ELSEWHERE}{', '.join(left)}",) if left else ()
-        frozen = (
-            np.array(robot.model.joint_names)[self._are_frozen] if self._are_frozen.any() else ()
-        )
         nothing = partial(self.nothing, reading, frame=state.grid.frame)
         if not parts:
             return nothing(notes=elsewhere)
@@ -298,7 +290,10 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         whole = float(precisions @ torques**2)
         left_over = whole - float(_explained_by(gains, forces, strength).max())
         limit = float(chdtri(max(int((precisions > 0.0).sum()) - 3, 1), 1.0 - SURE))
-        notes: tuple[str, ...] = (f"{FROZEN}{', '.join(frozen)}",) if len(frozen) else ()
+        notes: tuple[str, ...] = ()
+        if (frozen := self._frozen.found & self._torque.known).any():
+            names = np.array(robot.model.joint_names)[frozen]
+            notes = (f"{FROZEN}{', '.join(names)}",)
         if whole > limit:
             if left_over <= limit:
                 self._unexplained = 0

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from contactfusion import Pipeline, PipelineConfig
 from contactfusion.arrays import FloatArray
 from contactfusion.doctor.robot import mass_faults
 from contactfusion.errors import ConfigurationError, RobotError
@@ -120,6 +121,18 @@ def test_efforts_in_coarse_steps_are_not_frozen_while_an_arm_that_is_held_is_pus
     assert len(claimed(clouds, 1.5)) >= 9
 
 
+def test_after_a_gap_a_push_that_goes_on_freezes_no_effort() -> None:
+    rows = np.zeros((300, 15))
+    rows[:, 0], rows[:, 1:8] = 0.01 * np.arange(300), BENT
+    held = hovering(joints=replace(QUIET, noise=np.zeros(7)))[0, 8:]
+    push = pushed("link_6", 20.0)[2]
+    rows[:, 8:] = np.where(rows[:, :1] < 1.0, held, held - push)
+    rows[200:, 0] += 0.4  # the observer begins again
+    clouds = played(rows)
+    assert not any(note.startswith(FROZEN) for cloud in clouds for note in cloud.notes)
+    assert len(clouds[-1])
+
+
 @pytest.mark.parametrize(("late", "sentence"), [(4, OFTEN), (10, NEVER_FREE)])
 def test_efforts_later_than_positions_get_a_sentence(late: int, sentence: str) -> None:
     rows = table(QUIET, None, 20.0, 100.0, 0, Sines(span=np.full(7, 0.5), middle=BENT))
@@ -150,6 +163,19 @@ def test_currents_without_a_constant_are_refused() -> None:
     )
     with pytest.raises(ConfigurationError, match=r"no torque per ampere of arm_7: give each its"):
         JointTorqueGenerator("arm", config).prepare(robot())
+
+
+def test_currents_of_a_description_without_a_constant_are_refused() -> None:
+    known = {name: EffortConfig(noise=0.1) for name in ARM}
+    config = PipelineConfig.model_validate(
+        {
+            "robot": robot().config.model_copy(update={"efforts": known}),
+            "generators": {"arm": {"type": "joint_torque", "effort": "current", "joints": [*ARM]}},
+            "integrator": {"frame": "base"},
+        }
+    )
+    with pytest.raises(ConfigurationError, match=r"^joints: no torque per ampere of arm_1, "):
+        Pipeline(config)
 
 
 def without_inertia(link: str, folder: Path) -> RobotConfig:
@@ -190,4 +216,5 @@ def test_a_change_within_the_lag_is_no_frozen_effort() -> None:
     frozen, one = FrozenEfforts(0.1), np.ones(1)
     for stamp in np.arange(0.0, 2.0, 0.01).tolist():
         left = 10.0 * (1.0 - np.exp(-stamp / 0.1)) * one
-        assert not frozen.of(stamp, one, left, 0.1 * one).any()
+        frozen.follow(stamp, one, left, 0.1 * one)
+        assert not frozen.found.any()

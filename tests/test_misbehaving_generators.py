@@ -269,7 +269,7 @@ def test_an_isolated_generator_that_dies_is_started_again_three_times(isolated: 
         (message,) = refusals(cycles.until_heard("die"))
         assert message == f"{ended}: it is started again, {times} of 3 times"
         assert refusals(cycles.until_heard("now")) == []
-        lost = f"its process ended {times} times, and was started again without a reading"
+        lost = f"its process was started again, {times} of 3 times: readings are lost"
         assert isolated.ended == {"generators.remote": lost}
     for ask in ("die", "now", "now"):
         (message,) = refusals(cycles.until_heard(ask))

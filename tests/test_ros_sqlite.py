@@ -49,7 +49,7 @@ def changed(folder: Path, script: str, count: int = 6) -> Path:
 
 
 def refused(path: Path) -> str:
-    """Give why a file can't be read."""
+    """Return why a file can't be read."""
     with pytest.raises(RecordingError) as error:
         inspect_recording(path)
     return str(error.value).removeprefix(f"{path} can't be read: ")

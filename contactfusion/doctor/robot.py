@@ -139,11 +139,9 @@ def wrist_faults(model: RobotModel) -> Iterator[str]:
 def mass_faults(model: RobotModel) -> Iterator[str]:
     """Links without a mass, where efforts of joints are known."""
     hanging = {link for wrist in model.config.wrists.values() for link in model.beyond(wrist.frame)}
-    for link in model.link_names if model.config.efforts else ():
-        is_moved = link in model.urdf.links and link != model.root
-        if is_moved and link not in hanging and model.urdf.links[link].is_shaped:
-            if not model.carried_by(link):
-                yield f"link '{link}' has a shape, but no mass, so its weight would be a contact"
+    for link in sorted(model.moved_links - hanging) if model.config.efforts else ():
+        if model.urdf.links[link].is_shaped and not model.carried_by(link):
+            yield f"link '{link}' has a shape, but no mass, so its weight would be a contact"
 
 
 def camera_faults(robot: PosedRobot) -> Iterator[str]:

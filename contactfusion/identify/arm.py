@@ -336,7 +336,8 @@ class Arm:
             for each in columns:
                 number, unit = FIELDS.index(each), self._unit(row, each)
                 error = fit.errors[row, number] if choice.identifiable[row, number] else None
-                cells.append(stated(getattr(joint, each), error, unit))
+                value = getattr(joint, each)
+                cells.append("(unknown)" if value is None else stated(value, error, unit))
             cells.append(stated(noise[0][row], noise[1][row], self._unit(row, "noise")))
             rows.append(tuple(cells))
             effort[name] = joint.model_copy(update={"noise": float(noise[0][row])})
@@ -398,7 +399,10 @@ class Arm:
 
     def _keep(self, found: Identification, efforts: Mapping[str, EffortConfig]) -> None:
         """Put efforts where the configuration has them: on the robot, or in the generator."""
-        values = {name: plain(effort) for name, effort in efforts.items()}
+        values = {
+            name: {field: value for field, value in plain(effort).items() if value is not None}
+            for name, effort in efforts.items()
+        }
         options = self.recorded.config.generators[self.name]
         if isinstance(options["joints"], Mapping):
             found.fields["generators"][self.name] = {"joints": values}

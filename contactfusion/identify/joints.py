@@ -128,7 +128,10 @@ class Regression:
     ) -> None:
         self.windows, self.names, self.effort = windows, tuple(configured), effort
         self.configured = np.array(
-            [[getattr(each, name) for name in FIELDS] for each in configured.values()]
+            [
+                [each.offset, each.per_unit, each.coulomb, each.viscous]
+                for each in configured.values()
+            ]
         )
         self.payload, self._believed = payload, believed
         self._floor = FLOOR * np.maximum(windows.efforts.std(axis=0), 1e-9)

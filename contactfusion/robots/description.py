@@ -103,13 +103,19 @@ class EffortConfig(Model):
     """Standard deviation of what is left of the torque in free motion [N·m, N]."""
     offset: float = 0.0
     """What it reports without any load, in its own unit."""
-    constant: float = Field(default=1.0, gt=0)
-    """Torque or force per unit of what it reports: of a motor's current [N·m/A, N/A]."""
+    constant: float | None = Field(default=None, gt=0)
+    """Torque or force per unit of what it reports: of a motor's current [N·m/A, N/A], which must be
+    known; else 1."""
     coulomb: float = Field(default=0.0, ge=0)
     """Friction against the motion that does not depend on speed [N·m, N]; 0 where torque is
     measured behind the gear."""
     viscous: float = Field(default=0.0, ge=0)
     """Friction against the motion per speed [N·m·s, N·s/m]."""
+
+    @property
+    def per_unit(self) -> float:
+        """The constant, 1 where none is given."""
+        return 1.0 if self.constant is None else self.constant
 
 
 class LinkMassConfig(Model):
