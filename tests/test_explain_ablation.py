@@ -155,6 +155,12 @@ def test_the_table_indents_the_sources_of_a_generator_and_says_what_it_is_not() 
     assert caution == CAUTION
 
 
+def test_the_name_of_a_source_ends_no_row_of_the_table() -> None:
+    clouds = [cloud("skin\n0", 0.0, {HERE: 0.5})]
+    told = table(ablated(stepped((0.0, clouds), plugs={"skin\n0": REGULAR})))
+    assert told.count("\n") == 3, told
+
+
 def test_the_csv_has_a_row_each_and_the_json_the_same() -> None:
     rows = list(csv.DictReader(io.StringIO(as_csv(worths()))))
     assert [(row["name"], row["whole"]) for row in rows] == [

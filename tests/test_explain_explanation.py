@@ -66,6 +66,11 @@ def test_a_contact_tells_how_its_likelihood_comes_about_and_who_gave_what() -> N
     ]
 
 
+def test_the_name_of_a_source_ends_no_line() -> None:
+    told = lines((0.0, [cloud("skin\ncontact 2", 0.0, {HERE: 0.8})]))
+    assert not any(line.startswith("contact 2") for line in told)
+
+
 def test_one_source_alone_needs_no_formula_and_without_it_nothing_remains() -> None:
     (contact,) = explanation((0.0, [skin(0.0)])).contacts
     assert contact.combination == ""

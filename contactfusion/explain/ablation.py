@@ -19,6 +19,7 @@ from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import make_folder, write_whole
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline import Step
+from contactfusion.terminal import printable
 
 STEP, FURTHEST = 1e-4, 2.0
 """Resolution and greatest value of the counted moves [m]."""
@@ -204,7 +205,7 @@ def table(worths: Sequence[Worth]) -> str:
     for row in rows:
         first, *rest = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
         lines.append("  ".join([row[0].ljust(len(first)), *rest]).rstrip())
-    return "\n".join([*lines, "", CAUTION])
+    return "\n".join(map(printable, [*lines, "", CAUTION]))
 
 
 def as_csv(worths: Sequence[Worth]) -> str:

@@ -22,6 +22,7 @@ from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import Reading
 from contactfusion.reason import Reason, Why, counted, millimetres, place_words
+from contactfusion.terminal import printable
 
 KINDS = {
     HypothesisKind.REGULAR: "evidence",
@@ -59,7 +60,7 @@ def as_text(explanation: Explanation) -> str:
     if empty and not total and not explanation.places:
         lines.append(f"found nothing: {', '.join(empty)}")
     lines += _sources(explanation.sources)
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _law(explanation: Explanation) -> Iterator[str]:

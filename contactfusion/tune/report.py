@@ -12,6 +12,7 @@ import numpy as np
 
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
+from contactfusion.terminal import printable
 from contactfusion.tune.fusion import Trial, Tuned
 from contactfusion.tune.score import ALIKE, Half, Rate
 
@@ -43,7 +44,7 @@ def table(tuned: Tuned) -> str:
         "",
         advice(tuned),
     ]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def advice(tuned: Tuned) -> str:
