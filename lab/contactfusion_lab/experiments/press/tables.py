@@ -25,10 +25,11 @@ READ = (
     "mean over true contacts; error: of the likeliest contact; *right set*: the true link is that "
     "of the contact, or among those between which the generator states that it cannot decide, "
     "whose *parts* of the arm are counted where there are any; "
-    "*alarms*: reports that begin in free motion. In brackets 95 % intervals, a bootstrap over "
-    "presses. Each arm is one of five specimens of its kind, whose masses err by 5 %, and was "
-    "identified by two minutes of free motion of its own. Published for real arms: 91.5 % detected "
-    "and 3.0 cm on a Franka (Liang and Kroemer 2021), 73 % within 4 cm on a UR10e (Saleem 2025)."
+    "*alarms*: reports that begin in free motion. In brackets 95 % intervals, of shares of presses "
+    "by Wilson, of other figures a bootstrap over presses. Each arm is one of five specimens of "
+    "its kind, whose masses err by 5 %, and was identified by two minutes of free "
+    "motion of its own. Published for real arms: 91.5 % detected and 3.0 cm on a Franka (Liang and "
+    "Kroemer 2021), 73 % within 4 cm on a UR10e (Saleem 2025)."
 )
 Joints = Mapping[str, Mapping[str, frozenset[str]]]
 """By arm and link, the joints that a force on it loads."""
