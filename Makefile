@@ -201,7 +201,7 @@ show-grasp: $(READY)
 # Arms pressed anywhere, at one place and at two; presses that are made already are kept.
 show-press: $(READY)
 	@echo "about 2 hours on two cores; started again, it goes on where it was stopped"
-	$(BIN)/contactfusion experiment press --seed 2015 --touches 200 --free 10 --out out/press/one
+	$(BIN)/contactfusion experiment press --seed 2015 --touches 200 --free 5 --out out/press/one
 	$(BIN)/contactfusion experiment press --seed 2015 --touches 100 --places 2 --force 20 --free 0 \
 		--out out/press/two
 

@@ -398,12 +398,15 @@ class Pipeline:
         return True
 
     def _with_resultants(self, state: State) -> State:
-        fresh = {
-            name: resultant
-            for name, (measured, resultant) in self._resultants.items()
+        ages = {
+            name: state.now - measured
+            for name, (measured, _) in self._resultants.items()
             if abs(state.now - measured) <= FRESH and name in self.generators
         }
-        return replace(state, resultants=fresh) if fresh else state
+        if not ages:
+            return state
+        fresh = {name: self._resultants[name][1] for name in ages}
+        return replace(state, resultants=fresh, resultant_ages=ages)
 
     def reset(self) -> None:
         """Start again, as when a recording is played a second time; plugs stay."""

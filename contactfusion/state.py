@@ -48,6 +48,7 @@ class State:
         wrenches: readings of all wrists since the last step, for controllers alone.
         resultants: the sum of all contacts on a part of the robot as generators measure it, by the
             name of the generator, in the grid's frame; none older than 0.1 s.
+        resultant_ages: how long before `now` each of these was measured [s]; 0 where it is missing.
         fusion: the last step of the integrator, or None before the first; a `Fusion`, unless the
             generator is isolated.
         unplaced: why the pose of the configured robot or surface in the grid's frame is unknown;
@@ -64,6 +65,7 @@ class State:
     objects: Mapping[str, Pose] = field(default_factory=dict)
     wrenches: tuple[Wrench, ...] = ()
     resultants: Mapping[str, Resultant] = field(default_factory=dict)
+    resultant_ages: Mapping[str, float] = field(default_factory=dict)
     fusion: LastStep | None = None
     unplaced: str = ""
 

@@ -132,6 +132,9 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self._bias: FloatArray | None = None if self.config.tare else np.zeros(6)
         self._rest: list[tuple[float, FloatArray]] = []
         self._recent: deque[tuple[float, FloatArray]] = deque()
+        # what the average takes off the newest wrench: other sensors are given it as it is, since
+        # what they take off theirs must not be later than these
+        self._smoothed: FloatArray = np.zeros(6)
         self._span: tuple[float, float] | None = None
         self._was_free = self._bias is None  # a tare requires it
         self._first_force: FloatArray | None = None
@@ -161,7 +164,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         first = self._span[0]
         force, torque = wrench[:3], wrench[3:]
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
-        self.resultant = resultant = self._resultant(force, torque, reading, state)
+        resultant = self._resultant(wrench, reading, state)
+        self.resultant = self._resultant(wrench + self._smoothed, reading, state)
         said = (Note.REVERSED,) if self._is_reversed else ()
         if np.linalg.norm(force) < self.least_force:
             self._was_free = True
@@ -204,7 +208,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         assert isinstance(reading, Wrench)
         self.resultant = None
         if not self._is_dead(reading) and (wrench := self._filtered(reading, state)) is not None:
-            self.resultant = self._resultant(wrench[:3], wrench[3:], reading, state)
+            self.resultant = self._resultant(wrench + self._smoothed, reading, state)
 
     def _filtered(self, reading: Wrench, state: State) -> FloatArray | None:
         """The contact's wrench on the robot, shape (6,) [N, N·m]; None before the tare."""
@@ -241,14 +245,12 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             resultant=resultant,
         )
 
-    def _resultant(
-        self, force: FloatArray, torque: FloatArray, reading: Wrench, state: State
-    ) -> Resultant:
+    def _resultant(self, wrench: FloatArray, reading: Wrench, state: State) -> Resultant:
         """The sum over all contacts on the links that the sensor carries, in the grid's frame."""
         deviations = self._force_noise, self._torque_noise
         links = state.carried_by(reading.frame)
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
-        return Resultant(force, torque, np.zeros(3), *deviations, links).moved(pose)
+        return Resultant(wrench[:3], wrench[3:], np.zeros(3), *deviations, links).moved(pose)
 
     @property
     def waits_for(self) -> str:
@@ -317,7 +319,9 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             self._bias = self._tared(reading.stamp, wrench, touched=bool(state.contacts))
             if self._bias is None:
                 return None
-        wrench = self._averaged(reading.stamp, wrench - self._bias)
+        newest = wrench - self._bias
+        wrench = self._averaged(reading.stamp, newest)
+        self._smoothed = newest - wrench
         if not self.config.unknown_bias:
             return wrench
         if state.fusion is not self._asked:  # once a step

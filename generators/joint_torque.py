@@ -231,7 +231,10 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         if self.config.effort != "external" and share > 0.0:
             self._frozen.follow(reading.stamp, self._torque.reported, torques, deviations)
         deviations = np.where(self._frozen.found, np.inf, deviations)
-        return robot, self._wrists.left(robot, state.resultants, torques, deviations, share)
+        left = self._wrists.left(
+            robot, reading.stamp, state.resultants, state.resultant_ages, torques, deviations, share
+        )
+        return robot, left
 
     def _gravity(self, robot: PosedRobot) -> FloatArray:
         """Shape (3,) [m/s²], in the root link's frame."""

@@ -468,6 +468,17 @@ def test_the_average_is_over_the_newest_samples_only() -> None:
     assert forces == pytest.approx([0.0, 0.5, *np.arange(1.0, 9.0)])
 
 
+def test_other_sensors_are_given_the_newest_wrench_and_not_the_average() -> None:
+    ft = generator(average=0.12)
+    for step in range(4):
+        (cloud,) = ft.generate(touch(PLACE, step * DOWN, stamp=0.05 * step), robot())
+    assert cloud.resultant is not None and ft.resultant is not None
+    np.testing.assert_allclose(cloud.resultant.force, 2.0 * DOWN)
+    np.testing.assert_allclose(ft.resultant.force, 3.0 * DOWN)
+    ft.absorb(touch(PLACE, 4.0 * DOWN, stamp=0.2), robot())
+    np.testing.assert_allclose(ft.resultant.force, 4.0 * DOWN)
+
+
 def test_without_a_surface_the_error_is_counted_and_says_what_to_do() -> None:
     pipe = Pipeline(PipelineConfig(generators={"wrist": WRIST}))
     pipe.receive(touch(PLACE, DOWN))

@@ -163,15 +163,29 @@ def test_after_a_gap_a_hand_that_a_wrist_measures_is_no_contact_of_the_arm(fails
         assert is_blind or not any(len(cloud) for cloud in clouds)
 
 
-@pytest.mark.parametrize("every", [0.05, 0.2])
-@pytest.mark.parametrize("first", ["joints", "wrist"])
-def test_live_a_hand_that_a_wrist_measures_is_no_contact_of_the_arm(
-    first: str, every: float
-) -> None:
+def beside_its_wrist(
+    first: str = "joints",
+    every: float = 0.05,
+    begins: float = 0.0,
+    live: bool = False,
+    **wrist: Any,
+) -> Sequence[HypothesisCloud]:
+    """The clouds of an arm whose hand is pushed, and whose wrist measures that.
+
+    Args:
+        first: which of `joints` and `wrist` is read first.
+        every: time between steps [s].
+        begins: the stamp of the first push [s].
+        live: whether readings that a newer one follows are absorbed.
+        wrist: further options of the wrist's generator.
+    """  # fmt: skip
     point, force, push = pushed("palm", 20.0)
     pose = PosedRobot(robot(), whole(BENT), "base", np.eye(4)).pose_of("wrist_sensor")
     felt = vectors_in(inverse(pose), np.stack([force, np.cross(point - pose[:3, 3], force)]))
-    wrist = {"type": "force_torque", "sign": "on_robot", "force_noise": 0.1, "torque_noise": 0.005}
+    wrist = {
+        "type": "force_torque", "sign": "on_robot", "force_noise": 0.1, "torque_noise": 0.005,
+        **wrist,
+    }  # fmt: skip
     clouds = list[HypothesisCloud]()
     running = Pipeline(
         PipelineConfig(
@@ -184,20 +198,36 @@ def test_live_a_hand_that_a_wrist_measures_is_no_contact_of_the_arm(
         ),
         tell=clouds.append,
     )
-    running.conflates = True  # as live
+    running.conflates = live
     rng, steps = np.random.default_rng(0), 1
     for stamp in np.arange(0.01, 1.5, 0.01).tolist():
-        noise = SIGMA * rng.standard_normal(len(ARM))
-        joints = reading(HELD - push + noise, BENT, stamp, velocities=REST)
-        wrench = Wrench(stamp=stamp, frame="wrist_sensor", force=felt[0], torque=felt[1])
+        noise, pushes = SIGMA * rng.standard_normal(len(ARM)), float(stamp >= begins)
+        joints = reading(HELD - pushes * push + noise, BENT, stamp, velocities=REST)
+        wrench = Wrench(
+            stamp=stamp, frame="wrist_sensor", force=pushes * felt[0], torque=pushes * felt[1]
+        )
         both: tuple[Reading, ...] = (joints, wrench)
         for each in both if first == "joints" else both[::-1]:
             running.take(each)
         if stamp >= steps * every:
             running.step(stamp)
             steps += 1
-    arm = [cloud for cloud in clouds if cloud.source == "arm"]
+    return [cloud for cloud in clouds if cloud.source == "arm"]
+
+
+@pytest.mark.parametrize("every", [0.05, 0.2])
+@pytest.mark.parametrize("first", ["joints", "wrist"])
+def test_live_a_hand_that_a_wrist_measures_is_no_contact_of_the_arm(
+    first: str, every: float
+) -> None:
+    arm = beside_its_wrist(first, every, live=True)
     assert len(arm) >= 6 and not any(len(cloud) for cloud in arm)
+
+
+@pytest.mark.parametrize("first", ["joints", "wrist"])
+def test_nor_is_it_while_the_wrist_averages_the_beginning_of_a_push(first: str) -> None:
+    arm = beside_its_wrist(first, begins=0.5, average=0.1)
+    assert len(arm) > 100 and not any(len(cloud) for cloud in arm)
 
 
 def test_positions_are_those_of_the_reading_whatever_a_slow_topic_said() -> None:
