@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 FloatArray = NDArray[np.float64]
 SHORT = 8192
 """The greatest size of arrays whose product is never shared among threads."""
+LARGEST = 1e30
+"""A greater number measures nothing, and its powers are soon infinite."""
 
 
 def frozen_array(
@@ -30,10 +32,10 @@ def frozen_array(
         name: in an error.
         error: the type of error to raise.
         dtype: the wanted type of the elements.
-        finite: whether NaN and infinity are refused.
+        finite: whether NaN, infinity and numbers beyond 1e30 are refused.
 
     Raises:
-        error: the shape differs, the values are no numbers, or a number is not finite.
+        error: the shape differs, the values are no numbers, or a number is not finite, or too large.
     """
     try:
         array = np.asarray(value, dtype=dtype)
@@ -46,9 +48,10 @@ def frozen_array(
             wanted = ", ".join("n" if want is None else str(want) for want in shape)
             wanted = f"({wanted},)" if len(shape) == 1 else f"({wanted})"
             raise error(f"{name} have shape {array.shape}, not {wanted}")
-    if finite and not _is_finite(array):
-        index = np.argwhere(~np.isfinite(array))[0]
-        raise error(f"row {index[0]} of the {name} is not finite: {array[index[0]]}")
+    if finite and not _is_measurable(array):
+        row = np.argwhere(~(np.abs(array) <= LARGEST))[0][0]
+        fault = "is too large" if np.isfinite(array[row]).all() else "is not finite"
+        raise error(f"row {row} of the {name} {fault}: {array[row]}")
     return array if isinstance(array.base, bytes) and array.flags.c_contiguous else frozen(array)
 
 
@@ -60,12 +63,12 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
     return np.ndarray(array.shape, array.dtype, array.tobytes())
 
 
-def _is_finite(array: NDArray[Any]) -> bool:
-    # A sum of squares that is finite is one of finite numbers, and takes a fifth of the time;
-    # of a long array the library would share it among threads, which takes longer.
-    if array.size <= SHORT and math.isfinite(np.vdot(array, array)):
+def _is_measurable(array: NDArray[Any]) -> bool:
+    # A small sum of squares is one of small numbers, and takes a fifth of the time; of a long
+    # array the library would share it among threads, which takes longer.
+    if array.size <= SHORT and np.vdot(array, array) <= LARGEST**2:
         return True
-    return bool(np.isfinite(array).all())
+    return bool((np.abs(array) <= LARGEST).all())
 
 
 def _fits(have: tuple[int, ...], want: tuple[int | None, ...]) -> bool:
@@ -75,11 +78,13 @@ def _fits(have: tuple[int, ...], want: tuple[int | None, ...]) -> bool:
 
 
 def finite_number(value: float, name: str, error: type[Exception]) -> float:
-    """The number as a float; raises `error` when it is none, or not finite."""
+    """The number as a float; raises `error` when it is none, not finite, or beyond 1e30."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
         raise error(f"{name} is not a number: {value!r}") from None
     if not math.isfinite(number):
         raise error(f"{name} is not finite: {number}")
+    if abs(number) > LARGEST:
+        raise error(f"{name} is too large: {number}")
     return number

@@ -65,6 +65,9 @@ def test_no_rows_need_no_columns() -> None:
         (1.0, (None,), r"values have shape \(\), not \(n,\)"),
         ([[1.0, 2.0], [3.0, np.nan]], (2, 2), "row 1 of the values is not finite"),
         ([0.0, -np.inf], (2,), "row 1 of the values is not finite: -inf"),
+        ([0.0, -1e31], (2,), r"row 1 of the values is too large: -1e\+31"),
+        ([[1e31], [np.nan]], (2, 1), "row 0 of the values is too large"),
+        ([0.0] * 9000 + [1e308], (9001,), "row 9000 of the values is too large"),
         ([[1.0], [1.0, 2.0]], (2, 1), "values are not numbers"),
         (["a", "b"], (2,), "values are not numbers"),
         ({"a": 1}, (1,), "values are not numbers"),
@@ -92,6 +95,7 @@ def test_a_number_comes_as_a_float() -> None:
     [
         (np.nan, "it is not finite: nan"),
         (np.inf, "it is not finite: inf"),
+        (-1e31, r"it is too large: -1e\+31"),
         ("soon", "it is not a number: 'soon'"),
         (None, "it is not a number: None"),
         pytest.param(10**400, "it is not", id="too large"),
