@@ -178,7 +178,7 @@ def beside_its_wrist(
         begins: the stamp of the first push [s].
         live: whether readings that a newer one follows are absorbed.
         wrist: further options of the wrist's generator.
-    """  # fmt: skip
+    """
     point, force, push = pushed("palm", 20.0)
     pose = PosedRobot(robot(), whole(BENT), "base", np.eye(4)).pose_of("wrist_sensor")
     felt = vectors_in(inverse(pose), np.stack([force, np.cross(point - pose[:3, 3], force)]))
