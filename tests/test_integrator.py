@@ -319,7 +319,7 @@ REFUSED = [
         r"row 1 of the positions of 'a' is out of reach: \(0, 10000, 0\) m, .* ±5242.88 m",
     ),
     (
-        cloud("a", 0.0, {HERE: 0.5}, positions=[[1e300, 0, 0]]),
+        cloud("a", 0.0, {HERE: 0.5}, positions=[[1e29, 0, 0]]),
         InvalidCloudError,
         "row 0 .* out of reach",
     ),
