@@ -35,7 +35,7 @@ def frozen_array(
         finite: whether NaN, infinity and numbers beyond 1e30 are refused.
 
     Raises:
-        error: the shape differs, the values are no numbers, or a number is not finite, or too large.
+        error: the shape differs, the values are no numbers, or one is not finite, or too large.
     """
     try:
         array = np.asarray(value, dtype=dtype)
