@@ -470,8 +470,9 @@ def test_the_average_is_over_the_newest_samples_only() -> None:
 
 def test_other_sensors_are_given_the_newest_wrench_and_not_the_average() -> None:
     ft = generator(average=0.12)
-    for step in range(4):
-        (cloud,) = ft.generate(touch(PLACE, step * DOWN, stamp=0.05 * step), robot())
+    *_, (cloud,) = [
+        ft.generate(touch(PLACE, step * DOWN, stamp=0.05 * step), robot()) for step in range(4)
+    ]
     assert cloud.resultant is not None and ft.resultant is not None
     np.testing.assert_allclose(cloud.resultant.force, 2.0 * DOWN)
     np.testing.assert_allclose(ft.resultant.force, 3.0 * DOWN)
