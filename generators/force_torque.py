@@ -164,8 +164,9 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         first = self._span[0]
         force, torque = wrench[:3], wrench[3:]
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
-        resultant = self._resultant(wrench, reading, state)
-        self.resultant = self._resultant(wrench + self._smoothed, reading, state)
+        self.resultant = resultant = self._resultant(wrench + self._smoothed, reading, state)
+        if self.config.average:
+            resultant = self._resultant(wrench, reading, state)
         said = (Note.REVERSED,) if self._is_reversed else ()
         if np.linalg.norm(force) < self.least_force:
             self._was_free = True

@@ -5,6 +5,7 @@ import io
 import json
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -366,6 +367,13 @@ def test_table_and_files_tell_every_run_of_both_halves(tmp_path: Path) -> None:
     paths = write_tuning(found, tmp_path / "out")
     assert [path.name for path in paths] == ["tuning.csv", "tuning.json", "tuning.png"]
     assert paths[2].read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_name_of_a_source_in_a_field_ends_no_row(tmp_path: Path) -> None:
+    found = tuned(tmp_path)
+    odd = replace(found.chosen, overrides=("generators.eye\nas configured.floor=1",))
+    told = table(replace(found, together=None, curves={"odd": (odd,)}, chosen=odd))
+    assert sum(line.startswith("as configured") for line in told.split("\n")) == 1
 
 
 def test_a_field_that_changes_nothing_has_one_line(tmp_path: Path) -> None:
