@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 from contactfusion.errors import ConfigurationError, ContactFusionError, SourceError, name_hint
 from contactfusion.files import texts_of
 from contactfusion.isolation import Isolated
-from contactfusion.yaml_files import DEEPEST, with_overrides
+from contactfusion.yaml_files import with_overrides
 
 if TYPE_CHECKING:
     from contactfusion.pipeline import Pipeline
@@ -93,11 +93,6 @@ def _threshold(pipeline: "Pipeline", value: str) -> str:
 def _plug(pipeline: "Pipeline", within: Path | None, name: str, *options: str) -> str:
     if "/" in name:
         raise ConfigurationError("a name may not hold a slash", f"generators.{name}")
-    for option in options:
-        if option.partition("=")[0].count(".") > DEEPEST:
-            raise ConfigurationError(
-                f"'{option[:20]}…': mappings are more than {DEEPEST} within each other"
-            )
     fields: dict[str, Any] = {"generators": dict(pipeline.config.generators)}
     changed = with_overrides(fields, [f"generators.{name}.{option}" for option in options])
     found = changed["generators"].get(name) or {}

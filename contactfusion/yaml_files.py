@@ -89,8 +89,8 @@ def with_overrides(mapping: Mapping[str, Any], overrides: Iterable[str]) -> dict
             true and lists may be given; numbers in the path are indices of a list, from 0.
 
     Raises:
-        ConfigurationError: one has no `=`, leads through a value that holds no others, or beyond
-            the end of a list.
+        ConfigurationError: one has no `=`, leads through a value that holds no others, beyond
+            the end of a list, or deeper than DEEPEST.
     """
     changed = copy.deepcopy(dict(mapping))
     for override in overrides:
@@ -98,6 +98,10 @@ def with_overrides(mapping: Mapping[str, Any], overrides: Iterable[str]) -> dict
         keys = path.strip().split(".")
         if not equals or not all(keys):
             raise ConfigurationError(f"'{override}' is no change; write it as name.name=value")
+        if len(keys) > DEEPEST:
+            raise ConfigurationError(
+                f"'{override[:20]}…': mappings are more than {DEEPEST} within each other"
+            )
         value = yaml_value(text, override)
         holder: Any = changed
         for depth, key in enumerate(keys):

@@ -110,6 +110,7 @@ def test_the_value_of_an_override_may_hold_an_equals_sign() -> None:
         ("items.2=1", "no place in a list of 2"),
         ("items.x=1", "no place in a list of 2"),
         ("a=[1", "the value of 'a=[1'"),
+        (f"{'.'.join('a' * 3000)}=1", "mappings are more than 50 within each other"),
     ],
 )
 def test_a_wrong_override_is_refused(override: str, reason: str) -> None:
