@@ -53,7 +53,7 @@ def kills(
         began = time.monotonic()
         done = command(*words, alone)
         if done.status:
-            yield Row(name, 1, 0, (done.error[-200:],))
+            yield Row(name, 1, 0, (done.fault or done.error[-200:],))
             continue
         lasts, expected = time.monotonic() - began, digests(alone)
         killed = alone.with_name(alone.name.replace("alone", "killed"))
