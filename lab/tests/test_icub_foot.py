@@ -1,5 +1,6 @@
 """The foot of an iCub that is tipped: what is learned on other runs, and where it is pressed."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,18 @@ def test_the_foot_is_found_by_each_sensor_and_goes_on_when_one_dies() -> None:
     assert tracks["skin dead from half-time"].stamps.min() > 1.4
     assert np.nanmedian(tracks["constant place"].errors) > 0.008
     assert len(tracks["every second taxel, both"].errors) == 2 * len(tracks["skin"].errors)
+
+
+@pytest.mark.slow
+def test_a_steady_error_of_a_wrench_is_gone_once_the_sensors_are_aligned() -> None:
+    zero = (0.0, 0.0, 0.0, 0.0, 0.02 * WEIGHT, 0.0)
+    run = replace(RUNS[0], wrenches=RUNS[0].wrenches + zero)
+    tracks = dict(Trial(run, [run, RUNS[1]], DEFAULT_METHOD).tracks())
+    for name in ("wrench", "skin"):
+        aligned = tracks[f"{name}, aligned in the first half"]
+        assert np.nanmedian(tracks[name].errors) > 0.008, name
+        assert np.nanmedian(aligned.errors) < 0.003, name
+        assert aligned.stamps.min() > 1.4
 
 
 def test_the_centre_of_taxels_is_that_of_their_pressure() -> None:

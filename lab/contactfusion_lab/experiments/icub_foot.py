@@ -327,7 +327,10 @@ class Trial:
         yield "constant place", replace(wrench, places=middle)
         yield "affine map", replace(wrench, places=self._wrench_at(wrench.stamps))
         yield "wrench", wrench
-        yield "skin", self._by_wrench(self._track(("skin",)))
+        skin = self._by_wrench(self._track(("skin",)))
+        yield "skin", skin
+        yield "wrench, aligned in the first half", self._aligned(wrench)
+        yield "skin, aligned in the first half", self._aligned(skin)
         both: tuple[Sensor, ...] = ("skin", "wrench")
         yield "wrench dead from half-time", self._by_wrench(self._dead(both, "wrench"))
         yield "skin dead from half-time", self._dead(both, "skin")
@@ -346,6 +349,12 @@ class Trial:
     def _by_wrench(self, track: Track) -> Track:
         """Judged by the wrench where the map puts it."""
         return replace(track, judge=self._wrench_at(track.stamps), deviation=self.known.residual)
+
+    def _aligned(self, track: Track) -> Track:
+        """The second half, less the median of what the sensors differ by in the first."""
+        first = track.stamps <= self._half
+        shift = np.nanmedian((track.places - track.judge)[first], axis=0)
+        return replace(track, places=track.places - shift).after(self._half)
 
     def _wrench_at(self, stamps: FloatArray) -> FloatArray:
         return interpolated(stamps, self.run.wrench_stamps, self._mapped)
