@@ -37,6 +37,8 @@ COMMANDS: Mapping[str, Words] = {
     ),
 }  # fmt: skip
 """Words of each command before its output; files that are made for it in braces."""
+HOUR = 3600.0
+"""A training on a busy machine takes a quarter of it [s]."""
 MCAP = ("record", "run", "replay")
 """Commands whose output is a file."""
 
@@ -51,7 +53,7 @@ def kills(
         suffix = ".mcap" if name in MCAP else ""
         alone = folder / f"alone_{name.replace(' ', '_')}{suffix}"
         began = time.monotonic()
-        done = command(*words, alone)
+        done = command(*words, alone, limit=HOUR)
         if done.status:
             yield Row(name, 1, 0, (done.fault or done.error[-200:],))
             continue
@@ -63,7 +65,7 @@ def kills(
             faults.append(_half(digests(killed) if killed.exists() else {}, expected, suffix != ""))
             if suffix:
                 killed.unlink(missing_ok=True)
-        last = command(*words, killed)
+        last = command(*words, killed, limit=HOUR)
         faults.append(
             last.fault or ("" if digests(killed) == expected else "other bytes at the end")
         )
