@@ -140,9 +140,10 @@ def _described(
         names = [given] if isinstance(given, str) else given
         if not isinstance(names, list | tuple):
             continue
+        names = [str(name) for name in names]
         for name in names:
             if name not in known:
-                hint = name_hint(str(name), known, f"{kind} of the robot")
+                hint = name_hint(name, known, f"{kind} of the robot")
                 if kind == "efforts":
                     hint += "; `contactfusion identify` tells them from a free motion"
                 raise ConfigurationError(f"unknown name '{name}': {hint}", f"{path}.{option}")
