@@ -324,7 +324,9 @@ class Trial:
         """
         wrench = self._track(("wrench",))
         middle = np.broadcast_to(self.known.middle, wrench.places.shape)
-        yield "constant place", replace(wrench, places=middle)
+        constant = replace(wrench, places=middle)
+        yield "constant place", constant
+        yield "constant place, aligned in the first half", self._aligned(constant)
         yield "affine map", replace(wrench, places=self._wrench_at(wrench.stamps))
         yield "wrench", wrench
         skin = self._by_wrench(self._track(("skin",)))
