@@ -82,12 +82,13 @@ class Robot:
     def misplaced(self) -> str:
         """A sentence on what stands elsewhere than the URDF says, or nothing.
 
-        It is a joint far beyond its limits, or else the links that /tf_static places elsewhere. A
-        link that a joint moves is where it was at the last lookup of frames.
+        It is a frame with several parents, a joint far beyond its limits, or else the links that
+        /tf_static places elsewhere. A link that a joint moves is where it was at the last lookup of
+        frames.
         """
         differing = dict(self._differing())
-        if self._stray or not differing:
-            return self._stray
+        if self._transforms.disputed or self._stray or not differing:
+            return self._transforms.disputed or self._stray
         (link, by), *others = differing.items()
         likewise = f"; likewise {', '.join(name for name, _ in others)}" if others else ""
         return (
@@ -497,6 +498,10 @@ class TransformBuffer:
         self._frames: frozenset[str] = frozenset()
         self._limit = math.inf
         self._left_out: dict[str, float] = {}
+        self._parents: dict[str, dict[str, None]] = {}
+        """The parents of each frame that ever had another."""
+        self.disputed = ""
+        """A sentence on a frame that several publishers place, each under its own parent."""
 
     def add(self, transform: Transform) -> None:
         """Store a transform, unless one of the frame is as new.
@@ -505,6 +510,8 @@ class TransformBuffer:
         """
         series = self._series.get(transform.child_frame)
         if series is None or (series.parent, series.static) != (transform.frame, transform.static):
+            if series is not None and series.parent != transform.frame:
+                self._dispute(transform, series)
             series = self._series[transform.child_frame] = _Series(
                 transform.frame, transform.static
             )
@@ -537,6 +544,22 @@ class TransformBuffer:
         self._frames = frozenset()
         self._limit = math.inf
         self._left_out.clear()
+        self._parents.clear()
+        self.disputed = ""
+
+    def _dispute(self, transform: Transform, series: _Series) -> None:
+        """Take note of another parent, unless a frame is handed over once, as by a grasp."""
+        frame, parent = transform.child_frame, transform.frame
+        if len(self._parents) > MOST_FRAMES:
+            self._parents.clear()
+        known = self._parents.setdefault(frame, {series.parent: None})
+        if parent in known or series.static or transform.static:
+            self.disputed = self.disputed or (
+                f"the frame '{frame}' is placed in '{series.parent}' and in '{parent}', by turns: "
+                "the last one counts"
+            )
+        elif len(known) < MOST_FRAMES:
+            known[parent] = None
 
     def _evict(self, kept: str) -> None:
         """Forget the frame that has moved least lately, but for one; fixed ones only if all are."""

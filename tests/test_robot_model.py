@@ -591,3 +591,12 @@ def test_a_model_travels_light() -> None:
 def _travelled(thing: Any) -> Any:
     model_module._built.cache_clear()
     return pickle.loads(pickle.dumps(thing))
+
+
+@pytest.mark.parametrize("positions", [np.zeros(1), np.full(2, np.nan), np.zeros((1, 2))])
+def test_positions_of_other_joints_and_nan_are_no_configuration(
+    positions: Any, tmp_path: Path
+) -> None:
+    model = built(tmp_path, *map(link, "abc"), joint("j", "a", "b"), joint("k", "b", "c"))
+    with pytest.raises(RobotError, match="the positions of 2 joints are as many finite numbers"):
+        model.configuration(positions)

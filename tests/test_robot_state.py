@@ -331,6 +331,17 @@ def test_a_frame_with_a_new_parent_hangs_under_that_one_only() -> None:
         frames.pose("map", of="base")
 
 
+def test_a_frame_that_two_publishers_place_is_named() -> None:
+    handed_over = known(transform(0.0), transform(1.0, frame="table"))
+    assert handed_over.disputed == ""
+    by_turns = known(transform(0.0), transform(1.0, frame="table"), transform(2.0))
+    assert by_turns.disputed == (
+        "the frame 'base' is placed in 'table' and in 'map', by turns: the last one counts"
+    )
+    by_turns.clear()
+    assert by_turns.disputed == ""
+
+
 def test_transforms_that_form_a_circle_are_named() -> None:
     circle = known(transform(0.0), transform(0.0, frame="base", child="map"))
     with pytest.raises(FrameError, match="the frames form a circle: map -> base -> map"):

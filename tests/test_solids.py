@@ -213,7 +213,17 @@ def test_equal_shapes_give_equal_samples(tmp_path: Path) -> None:
         assert np.array_equal(one, other)
 
 
-@pytest.mark.parametrize("suffix", [".stl", ".obj", ".dae", ".step", ""])
+@pytest.mark.parametrize("suffix", [".dae", ".gltf", ".GLB", ".fbx", ".step", ""])
+def test_a_mesh_of_another_format_is_refused_with_those_that_are_read(
+    suffix: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"arm{suffix}"
+    os.mkfifo(path)  # which is never opened
+    with pytest.raises(RobotError, match=f"arm{suffix} is none of .*: .stl, .obj, .ply, .off$"):
+        Solid([Mesh(path, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off"])
 @pytest.mark.parametrize("content", [b"", b"no mesh\n" * 9, b"\x00\xff" * 99])
 def test_a_mesh_that_cannot_be_read_is_told_by_name(
     suffix: str, content: bytes, tmp_path: Path, capfd: pytest.CaptureFixture[str]

@@ -147,6 +147,14 @@ def test_what_is_thin_or_small_is_covered_too(size: tuple[float, float, float]) 
     assert bare(spheres, "a", box.sampled("a", 0.002).points) < 0.006
 
 
+def test_a_large_body_is_covered_by_fewer_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    box = ShapeConfig(shape="box", size=(0.3, 0.3, 0.3))
+    monkeypatch.setattr("contactfusion.robots.spheres.MOST_POINTS", 1000)
+    spheres = fitted(box)
+    assert outside_of_all([box], on_spheres(spheres, "a")).max() <= PROMISED
+    assert bare(spheres, "a", box.sampled("a", 0.004).points) <= spheres.gap + 0.002 < 0.02
+
+
 def test_two_bodies_of_one_link_are_both_covered() -> None:
     shapes = [ShapeConfig(shape="sphere", radius=0.03, xyz=(x, 0.0, 0.0)) for x in (-0.1, 0.1)]
     spheres = fitted(*shapes)

@@ -166,6 +166,22 @@ def test_a_shape_that_is_not_used_may_be_wrong(tmp_path: Path) -> None:
             wrong()
 
 
+@pytest.mark.parametrize(
+    ("element", "problem"),
+    [
+        ('<inertial><mass value="1e308"/></inertial>', "its mass is 1e.308 kg"),
+        ('<collision><origin xyz="1e300 0 0"/>BALL</collision>', "is beyond 1000: lengths are in"),
+        ("<collision><geometry>FLAT</geometry></collision>", "the mesh a.stl is scaled by 0"),
+    ],
+)
+def test_what_no_robot_has_is_refused(element: str, problem: str, tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_text("")
+    element = element.replace("BALL", '<geometry><sphere radius="1"/></geometry>')
+    element = element.replace("FLAT", '<mesh filename="a.stl" scale="0 1 1"/>')
+    with pytest.raises(RobotError, match=problem):
+        _ = read_urdf(written(tmp_path, f'<link name="a">{element}</link>')).links["a"].collision
+
+
 # Where meshes are
 
 

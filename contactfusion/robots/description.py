@@ -1,5 +1,6 @@
 """ROBOT.yaml: a URDF, and the sensors on the robot."""
 
+import os
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -243,7 +244,7 @@ def _package(module: str) -> Path:
         spec = None
     for root in (spec and spec.submodule_search_locations) or ():
         folder = Path(root, *inner)
-        if folder.is_dir():
+        if os.path.isdir(folder):  # also where the name is longer than any
             return folder
     raise ConfigurationError(f"the Python package '{module}' is not installed")
 

@@ -412,7 +412,19 @@ class RobotModel:
         return list(self._model.joints)[1:]
 
     def configuration(self, positions: FloatArray) -> FloatArray:
-        """Pinocchio's configuration vector: a joint without limits is a cosine and a sine."""
+        """Pinocchio's configuration vector: a joint without limits is a cosine and a sine.
+
+        Args:
+            positions: of all joints, shape (n,) [rad, m].
+
+        Raises:
+            RobotError: they are of another number, or not finite.
+        """
+        if np.shape(positions) != (len(self._joints),) or not np.isfinite(positions).all():
+            raise RobotError(
+                f"the positions of {len(self._joints)} joints are as many finite numbers, not "
+                f"{positions}"
+            )
         vector = np.empty(self._model.nq)
         for joint, position in zip(self._joints, positions, strict=True):
             if joint.nq == 2:

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
+from contactfusion.files import require_file
 from contactfusion.frames import FrameConfig, FrameTree, Pose, inverse, points_in, pose_of
 from contactfusion.model import Model
 from contactfusion.readings import ObjectPose
@@ -64,8 +65,7 @@ class ObjectModel:
         self.config = config
         self.shapes: tuple[ShapeConfig | Mesh, ...] = config.shapes
         if config.mesh is not None:
-            if not config.mesh.is_file():
-                raise RobotError(f"there is no mesh {config.mesh}")
+            require_file(config.mesh, RobotError)
             self.shapes = (Mesh(config.mesh, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),)
         elif config.urdf is not None:
             of = RobotConfig(

@@ -33,8 +33,9 @@ RAYS = 24
 """Rays cast from a point in all directions; it is hidden when none escapes."""
 WIDEST = 1e3
 """The greatest hole of a mesh that is closed [m]."""
-ROBUST = (".stl", ".obj")
-"""Suffixes of meshes on which open3d does not crash; others are read in a process of their own."""
+ROBUST, FRAGILE = (".stl", ".obj"), (".ply", ".off")
+"""Suffixes of meshes, and of those on which open3d may crash, so that they are read in a process of
+their own. It reads glTF and FBX, too, but opens whatever files these name."""
 MEMORY = 2**32
 """The addresses that this process may take, with the library [bytes]."""
 LARGEST: Final = 2**28
@@ -182,8 +183,13 @@ def _scene(meshes: Sequence[tuple[FloatArray, NDArray[np.uint32]]]) -> Any:
 def _closed(shape: Mesh) -> Any:
     """A mesh with its holes closed: links' meshes are often open where the next link begins."""
     open3d, path = loaded_open3d(), shape.file.resolve()
+    suffix, file = path.suffix.lower(), str(path)
+    if suffix not in (*ROBUST, *FRAGILE):
+        raise RobotError(
+            f"{shape.file} is none of the meshes that are read: .stl, .obj, .ply, .off"
+        )
     try:
-        is_robust, file = path.suffix.lower() in ROBUST, str(path)
+        is_robust = suffix in ROBUST
         read = read_mesh(file) if is_robust else confined(read_mesh, file, memory=MEMORY)
     except LimitError as error:
         raise RobotError(f"{shape.file} can't be read: {error}") from None

@@ -32,6 +32,8 @@ DEPTHS = np.geomspace(0.002, 0.2, 12)
 """Depths under the surface at which centres are tried [m]."""
 MOST = 0.005
 """The greatest measured protrusion of a sphere that is accepted [m]."""
+MOST_POINTS = 40_000
+"""No more points of a link are covered: time and memory grow with their square."""
 PROBES = unit_vectors(128)
 """Points at which the protrusion of a sphere is measured; with half as many it is 0.1 mm off."""
 ALGORITHM = ("shapes.py", "robots/solids.py", "robots/spheres.py")
@@ -70,15 +72,21 @@ def fit_spheres(
     Args:
         solids: the shapes of each link that has some.
         link_names: all links.
-        spacing: about the distance between the points that are covered [m].
+        spacing: about the distance between the points that are covered, more on a link that would
+            have over `MOST_POINTS` [m].
     """
     centres, radii, links = [np.empty((0, 3))], [np.empty(0)], [np.empty(0, np.int32)]
     protrusion = gap = 0.0
     for name, solid in solids.items():
-        link = _Sampled(*solid.samples(spacing / 2.0))
-        positions, sizes, furthest = _covering(solid, link, *solid.samples(spacing))
+        whole, normals = solid.samples(spacing)
+        points, wider = whole, float(np.sqrt(len(whole) / MOST_POINTS))
+        if wider > 1.0:
+            points, normals = solid.samples(spacing * wider)
+        link = _Sampled(*solid.samples(spacing * max(wider, 1.0) / 2.0))
+        positions, sizes, furthest = _covering(solid, link, points, normals)
         protrusion = max(protrusion, furthest)
-        gap = max(gap, _gap(link.points, positions, sizes))
+        seen = whole if wider > 1.0 else link.points
+        gap = max(gap, _gap(seen, positions, sizes))
         centres.append(positions)
         radii.append(sizes)
         links.append(np.full(len(sizes), link_names.index(name), np.int32))

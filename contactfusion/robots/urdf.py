@@ -21,6 +21,10 @@ from contactfusion.shapes import ShapeConfig
 
 Vector = tuple[float, float, float]
 SHAPES = ("box", "cylinder", "sphere", "mesh")
+GREATEST = 1000.0
+"""The greatest length, turn or scale [m, rad, 1]."""
+HEAVIEST = 1e6
+"""The greatest mass of a link [kg]."""
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 """Types of joints with one position, or none."""
 PACKAGE = "package://"
@@ -276,7 +280,7 @@ def _named(robot: Element, tag: str, path: Path) -> dict[str, Element]:
 def _link(name: str, element: Element, path: Path, places: _Places) -> Link:
     inertia, centre = element.find("inertial/mass"), element.find("inertial/origin")
     mass = _number(inertia, "value") if inertia is not None else 0.0
-    if mass < 0.0:
+    if not 0.0 <= mass <= HEAVIEST:
         raise ConfigurationError(f"its mass is {mass:g} kg")
     return Link(name, mass, _vector(centre, "xyz"), element, path, places)
 
@@ -297,7 +301,10 @@ def _shape(element: Element, places: _Places) -> ShapeConfig | Mesh:
             return ShapeConfig(shape="sphere", radius=_number(shape, "radius"), xyz=xyz, rpy=rpy)
         case "mesh":
             file = _found(_text(shape, "filename"), places)
-            return Mesh(file, _vector(shape, "scale", 1.0), xyz, rpy)
+            scale = _vector(shape, "scale", 1.0)
+            if not all(scale):
+                raise ConfigurationError(f"the mesh {file.name} is scaled by 0")
+            return Mesh(file, scale, xyz, rpy)
         case _:
             hint = name_hint(shape.tag, SHAPES, "shapes")
             raise ConfigurationError(f"unknown shape <{shape.tag}>: {hint}")
@@ -315,9 +322,9 @@ def _found(name: str, places: _Places) -> Path:
         package, _, rest = tail.partition("/")
         tails = [tail, rest]
         named = [folder.resolve() / package for folder in places.searched if package.strip(".")]
-        others = [folder for folder in named if (folder / MANIFEST).is_file()]
+        others = [folder for folder in named if os.path.isfile(folder / MANIFEST)]
     candidates = [folder / tail for folder in places.searched for tail in tails if tail]
-    files = [candidate for candidate in candidates if candidate.is_file()]
+    files = [each for each in candidates if os.path.isfile(each)]  # a name may be too long
     for file in files:
         if places.hold(file, others):
             return file
@@ -439,6 +446,8 @@ def _required(element: Element, key: str) -> Vector:
         raise ConfigurationError(f'{key}="{text}" is not three numbers{_xacro(text)}') from None
     if not all(map(math.isfinite, (x, y, z))):
         raise ConfigurationError(f'{key}="{text}" is not three finite numbers')
+    if max(abs(x), abs(y), abs(z)) > GREATEST:
+        raise ConfigurationError(f'{key}="{text}" is beyond {GREATEST:g}: lengths are in metres')
     return x, y, z
 
 
