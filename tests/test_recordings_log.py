@@ -21,6 +21,7 @@ from contactfusion.readings import (
     Twist,
     Wrench,
 )
+from contactfusion.readings.wrench import WrenchColumns
 from contactfusion.recordings.log import LogRecording
 from contactfusion.recordings.opening import open_recording
 from tests.real_data import real_data
@@ -197,6 +198,14 @@ def test_a_name_that_a_range_repeats_is_bounded(tmp_path: Path) -> None:
     long = {**SKIN, "columns": "p" * 1000 + "1..9"}
     sentence = refusal(tmp_path, "0,1\n", long)
     assert "'pppppppppppppppppppp…' is a range of more than 500 characters" in sentence
+
+
+@pytest.mark.parametrize(
+    ("scale", "problem"), [(0, "a factor of 0 leaves nothing"), ("deg", "no column .* is an angle")]
+)
+def test_a_scale_that_no_wrench_has_is_refused(scale: Any, problem: str) -> None:
+    with pytest.raises(ConfigurationError, match=problem):
+        WrenchColumns(type="wrench", frame="a", columns=(1, 2, 3, 4, 5, 6), scale=scale)
 
 
 def test_degrees_become_radians(tmp_path: Path) -> None:

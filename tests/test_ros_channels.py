@@ -7,8 +7,8 @@ import pytest
 from contactfusion.errors import RecordingError
 from contactfusion.readings import BUILT_IN
 from contactfusion.readings.depth_image import CAMERA_INFO, IMAGE
-from contactfusion.recordings.messages import type_hash
-from contactfusion.recordings.ros.channels import is_standard, ros2_text, types_in
+from contactfusion.recordings.messages import type_hash, typestore
+from contactfusion.recordings.ros.channels import _cdr_of_ros1, is_standard, ros2_text, types_in
 
 interfaces = pytest.importorskip("rosbags.interfaces")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -113,3 +113,14 @@ def test_constants_comments_and_annotations_are_no_expressions() -> None:
 def test_a_definition_that_holds_itself_is_not_whole() -> None:
     with pytest.raises(RecordingError, match="is not whole: maximum recursion"):
         type_hash("a/msg/B", "a/B again\n")
+
+
+@pytest.mark.parametrize("poses", [0, 2])
+def test_a_message_of_ros_1_is_as_long_as_it_says(poses: int) -> None:
+    kind, header = "geometry_msgs/msg/PoseArray", bytes(16)
+    text = typestore().generate_msgdef(kind, ros_version=1)[0]
+    held = poses.to_bytes(4, "little") + bytes(56 * poses)
+    _cdr_of_ros1(header + held, defined(text), kind, standard=True)
+    lies = b"\xff\xff\xff\xff" + held[4:]  # four thousand million poses, counted one by one
+    with pytest.raises(Exception, match="Invalid sequence length"):
+        _cdr_of_ros1(header + lies, defined(text), kind, standard=True)

@@ -49,6 +49,8 @@ def written_out(item: Any) -> list[Any]:
 def _factors(value: Any) -> Any:
     """Take one factor or one for each column; ``deg`` turns degrees into radians."""
     factors = value if isinstance(value, list | tuple) else [value]
+    if 0 in factors:
+        raise ValueError("a factor of 0 leaves nothing of what is measured")
     return tuple(math.pi / 180.0 if factor == "deg" else factor for factor in factors)
 
 

@@ -36,7 +36,7 @@ METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 NEWTON_METRES = {"nm": 1.0, "ncm": 0.01, "nmm": 0.001}
 NOT_POINTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
 """Parameters that list points that are results of a model of the body."""
-SECONDS = 10.0
+SECONDS = 5.0
 """The time that the reading of a small file may take [s]."""
 SLOWEST = 1e6
 """The least speed of reading a large one, a tenth of what is usual [bytes/s]."""

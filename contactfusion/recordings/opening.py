@@ -54,6 +54,11 @@ def is_ros(path: Path) -> bool:
     return path.is_dir() or kind_of(path) == "ros"
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a folder holds recordings of ROS."""
+    return path.is_dir() and any(kind_of(each) == "ros" for each in path.iterdir())
+
+
 def recording_class(name: str) -> type[RecordingFormat]:
     """The class of a type of recording.
 

@@ -292,7 +292,9 @@ def _bad_cell(
             if cells[index].strip() and not _is_number(cells[index]):
                 end = _cut_off(path, number)
                 where = f"{path}, line {number}: column {_named(column)}"
-                return f"{where} holds '{cells[index]}', not a number{end}"
+                is_decimal = _is_number(cells[index].replace(",", ".", 1))
+                hint = "; is its comma meant as a decimal point?" if is_decimal else ""
+                return f"{where} holds '{cells[index]}', not a number{hint}{end}"
     return None
 
 

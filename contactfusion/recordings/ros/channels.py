@@ -159,7 +159,12 @@ def _cdr_of_ros1(
         RecordingError: the definition is not complete.
     """
     store = typestore() if standard else _store(definition, msgtype)
-    return store.ros1_to_cdr(raw, msgtype)
+    usual = store.max_sequence_length
+    store.max_sequence_length = len(raw)  # sizes are added up before anything is read
+    try:
+        return store.ros1_to_cdr(raw, msgtype)
+    finally:
+        store.max_sequence_length = usual
 
 
 def ros2_text(definition: "MessageDefinition", msgtype: str, *, ros1: bool) -> str:
