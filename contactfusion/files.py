@@ -86,10 +86,13 @@ def unfinished(path: Path, is_folder: bool = False) -> Iterator[Path]:
         is_folder: whether what becomes it lies in a folder.
 
     Raises:
-        ContactFusionError: its folder cannot be made.
+        ContactFusionError: its folder cannot be made, or a folder, a device or a pipe has its name.
         OSError: it cannot be made itself.
     """
     make_folder(path.parent)
+    if not is_folder and path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "no regular file"
+        raise WritingError(f"{path} can't be written: it is {kind}")
     _sweep(path.parent)
     # absolute, as a plug-in may change the folder of the process
     temporary = path.absolute().with_name(
@@ -161,8 +164,15 @@ def whole_file(path: Path) -> Iterator[Path]:
     After an exception the parts are removed, and an older file stays.
 
     Args:
-        path: the file; its folder is made if necessary.
+        path: the file, or a link to it; its folder is made if necessary.
+
+    Raises:
+        WritingError: it is a link to itself.
     """
+    try:
+        path = path.resolve() if path.is_symlink() else path
+    except RuntimeError:
+        raise WritingError(f"{path} can't be written: it is a link to itself") from None
     final = path.absolute()
     with unfinished(path) as temporary:
         yield temporary
@@ -275,9 +285,12 @@ def require_spared(option: str, out: Path, read: Iterable[Path]) -> None:
         read: the files and folders that are read.
 
     Raises:
-        ConfigurationError: it is one of them, or lies in one.
+        ConfigurationError: it is one of them, or lies in one, or is a link to itself.
     """
-    place = out.resolve()
+    try:
+        place = out.resolve()
+    except RuntimeError:
+        raise ConfigurationError(f"{option}: {out} is a link that leads to itself") from None
     for path in map(Path.resolve, read):
         if place == path or (path.is_dir() and path in place.parents):
             raise ConfigurationError(

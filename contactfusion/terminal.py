@@ -1,5 +1,7 @@
 """Output of a command: results and notes on stdout, and progress on stderr."""
 
+import io
+import os
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -54,6 +56,19 @@ def say(text: str, end: str = "\n", file: TextIO | None = None, *, lines: bool =
     They are printed on stdout unless `file` is another.
     """
     print(printable(text, lines=lines), end=end, file=file, flush=True)
+
+
+def open_streams() -> None:
+    """Open what takes the place of standard streams that are closed, and escape what they lack.
+
+    Otherwise the next file that is opened would get what libraries print.
+    """
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w"))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def note(text: str, end: str = "\n", file: TextIO | None = None, *, lines: bool = False) -> None:

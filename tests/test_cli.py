@@ -553,6 +553,9 @@ ASKED = ("log.yaml", "--config", "wrist.yaml")
         (("run", "wrist.yaml"), "--out", "wrist.csv", "wrist.csv"),
         (("run", "named.yaml"), "--out", ".", "contacts.csv"),
         (("run", "bag.yaml"), "--out", "bag/a.mcap", "bag"),
+        (("ablate", "ablation.yaml"), "--out", ".", "ablation.csv"),
+        (("init", "wrist.csv", "--force"), "--out", "wrist.csv", "wrist.csv"),
+        (("doctor", "arm.urdf"), "--out", "arm.urdf", "arm.urdf"),
     ],
 )
 def test_what_is_read_is_not_replaced(
@@ -561,6 +564,9 @@ def test_what_is_read_is_not_replaced(
     (folder / "log.yaml").write_text(LOG_YAML)
     (folder / "contacts.csv").write_bytes((folder / "wrist.csv").read_bytes())
     (folder / "named.yaml").write_text(RUN.replace("wrist.csv", "contacts.csv"))
+    (folder / "ablation.csv").write_bytes((folder / "wrist.csv").read_bytes())
+    (folder / "ablation.yaml").write_text(RUN.replace("wrist.csv", "ablation.csv"))
+    (folder / "arm.urdf").write_text('<robot name="arm"><link name="base"/></robot>')
     (folder / "bag").mkdir()
     (folder / "bag.yaml").write_text("recording: {type: ros, file: bag}")
     before = {path: path.read_bytes() for path in folder.glob("*.*")}
@@ -733,3 +739,44 @@ def test_the_status_reaches_the_shell(folder: Path) -> None:
     )
     assert done.returncode == 1 and done.stdout == ""
     assert done.stderr.count("\n") == 1 and "did you mean 'wrist.yaml'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["integrator.condensation=modes", "faults=[{fault: bias, sensor: wrist, amount: 1}]"],
+)
+def test_a_fault_of_the_configuration_leaves_older_results(
+    change: str, folder: Path, ask: Ask
+) -> None:
+    (folder / "run.yaml").write_text(RUN)
+    assert ask("run", "run.yaml", "--out", "out").status == 0
+    before = {path: path.read_bytes() for path in (folder / "out").iterdir()}
+    assert one_sentence(ask("run", "run.yaml", "--out", "out", "--set", change)).startswith(
+        f"run.yaml: {change.partition('=')[0]}"
+    )
+    assert {path: path.read_bytes() for path in (folder / "out").iterdir()} == before
+
+
+@pytest.mark.parametrize("command", [("ablate",), ("tune", "fusion", "--labels", "labels.csv")])
+def test_a_source_that_gives_nothing_fails_what_compares(
+    command: tuple[str, ...], folder: Path, ask: Ask
+) -> None:
+    (folder / "run.yaml").write_text(RUN)
+    (folder / "labels.csv").write_text("start,end,x,y,z\n0,0.01,,,\n0.02,0.03,,,\n")
+    answer = ask(*command, "run.yaml", "--out", "out", "--set", "surface=null")
+    assert answer.status == 1
+    assert "every cloud of 'wrist' was refused" in answer.err
+
+
+def test_a_folder_of_bags_is_no_configuration(folder: Path, ask: Ask) -> None:
+    (folder / "bag").mkdir()
+    (folder / "bag" / "a.mcap").write_bytes(b"")
+    sentence = one_sentence(ask("check", "bag"))
+    assert sentence.startswith("bag is a recording, and no configuration")
+    assert "holds no configuration" in one_sentence(ask("explain", "bag", "--time", "0"))
+
+
+def test_a_place_beyond_any_is_refused(folder: Path, ask: Ask) -> None:
+    (folder / "run.yaml").write_text(RUN)
+    sentence = one_sentence(ask("explain", "run.yaml", "--time", "0", "--at", "1e300,0,0"))
+    assert sentence == "--at takes x,y,z in metres, within 1000, not '1e300,0,0'"

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen, run
@@ -10,8 +10,15 @@ from subprocess import DEVNULL, PIPE, Popen, run
 import numpy as np
 import pytest
 
-from contactfusion.errors import ConfigurationError
-from contactfusion.files import read_json, read_npz, require_settings, write_npz, write_whole
+from contactfusion.errors import ConfigurationError, WritingError
+from contactfusion.files import (
+    read_json,
+    read_npz,
+    require_settings,
+    require_spared,
+    write_npz,
+    write_whole,
+)
 
 
 def test_what_was_written_is_read_bit_for_bit(tmp_path: Path) -> None:
@@ -30,6 +37,32 @@ def test_a_missing_file_is_an_error_with_the_nearest_name(tmp_path: Path) -> Non
 def test_a_name_longer_than_any_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="can't be read: File name too long"):
         read_npz(tmp_path / ("x" * 300), "a")
+
+
+@pytest.mark.parametrize(("make", "kind"), [(os.mkdir, "a folder"), (os.mkfifo, "no regular file")])
+def test_what_is_no_file_is_not_replaced(
+    make: Callable[[Path], None], kind: str, tmp_path: Path
+) -> None:
+    make(tmp_path / "out.csv")
+    mode = (tmp_path / "out.csv").stat().st_mode
+    with pytest.raises(WritingError, match=f"out.csv can't be written: it is {kind}"):
+        write_whole(tmp_path / "out.csv", "")
+    assert (tmp_path / "out.csv").stat().st_mode == mode
+
+
+def test_a_link_to_an_output_stays_a_link(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "a.csv").symlink_to("there/b.csv")
+    for text in ("first", "second"):
+        write_whole(tmp_path / "a.csv", text)
+        assert (tmp_path / "a.csv").is_symlink()
+        assert (tmp_path / "there" / "b.csv").read_text() == text
+
+
+def test_an_output_that_is_a_link_to_itself_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").symlink_to("a.csv")
+    with pytest.raises(ConfigurationError, match="--out: .*a.csv is a link that leads to itself"):
+        require_spared("--out", tmp_path / "a.csv", [])
 
 
 def test_a_device_is_no_regular_file() -> None:

@@ -1,6 +1,7 @@
 """What a command shows beside its results: only on a terminal, only on stderr, never if quiet."""
 
 import io
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +19,32 @@ Printed = pytest.CaptureFixture[str]
 class Screen(io.StringIO):
     def isatty(self) -> bool:
         return True
+
+
+def contactfusion(redirected: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Call the command line in a shell that redirects its streams."""
+    words = f"{sys.executable} -m contactfusion plugins tactile {redirected}"
+    given = {**os.environ, **environment}
+    return subprocess.run(words, shell=True, env=given, capture_output=True, text=True)
+
+
+def test_a_stream_that_is_closed_loses_only_what_is_printed_there() -> None:
+    assert contactfusion(">&-").returncode == contactfusion("2>&-").returncode == 0
+
+
+def test_a_full_disk_under_stdout_is_a_sentence() -> None:
+    ended = contactfusion(">/dev/full")
+    assert ended.returncode == 1
+    assert ended.stderr == "contactfusion: the output: No space left on device\n"
+
+
+def test_what_an_encoding_lacks_is_escaped(tmp_path: Path) -> None:
+    named = tmp_path / "\N{GREEK SMALL LETTER ALPHA}.yaml"
+    words = [sys.executable, "-m", "contactfusion", "check", str(named)]
+    given = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    ended = subprocess.run(words, env=given, capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith(r"contactfusion: there is no file '\u03b1.yaml'")
 
 
 @dataclass

@@ -1,5 +1,6 @@
 """The command line. Heavy modules are imported by the command that needs them."""
 
+import errno
 import logging
 import os
 import signal
@@ -112,6 +113,7 @@ def program(
 
 def main() -> None:
     """Run the command line; an error is one sentence, with a traceback by `--debug` alone."""
+    terminal.open_streams()
     logging.basicConfig(format="%(message)s", handlers=[_Lines()])
     LOG.setLevel(logging.WARNING)
     # products here are small: threads of the linear algebra would only wait for each other
@@ -135,8 +137,9 @@ def main() -> None:
             say(traceback.format_exc(), end="", file=sys.stderr, lines=True)
         if isinstance(error, ContactFusionError):
             text = str(error)
-        elif isinstance(error, OSError) and error.filename and error.strerror:
-            text = f"{error.filename}: {error.strerror}"  # such as a file that may not be read
+        elif isinstance(error, OSError) and (error.filename or error.errno == errno.ENOSPC):
+            # such as a file that may not be read, or stdout on a disk that is full
+            text = f"{error.filename or 'the output'}: {error.strerror}"
         else:
             text = _unexpected(error)
         say(f"contactfusion: {text}", file=sys.stderr)

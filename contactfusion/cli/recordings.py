@@ -1,5 +1,6 @@
 """Commands on recordings."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,8 @@ from contactfusion.cli.options import (
 from contactfusion.errors import ConfigurationError
 from contactfusion.terminal import say
 
+FURTHEST, SHOWN = 1000.0, 80
+"""The greatest coordinate of a place [m], and so much of what was given is shown [characters]."""
 REPLAYED = (
     f"{RECORDING[:-1]}; of a run's output, or of a configuration that names its recording, no "
     "--config is needed."
@@ -116,6 +119,11 @@ def view(
 
 def _place(text: str) -> tuple[float, ...] | None:
     try:
-        return tuple(float(part) for part in text.split(",")) if text else None
+        place = tuple(float(part) for part in text.split(",")) if text else None
     except ValueError:
-        raise ConfigurationError(f"--at takes x,y,z in metres, not '{text}'") from None
+        place = (math.nan,)
+    if place and not all(abs(each) <= FURTHEST for each in place):
+        raise ConfigurationError(
+            f"--at takes x,y,z in metres, within {FURTHEST:g}, not '{text[:SHOWN]}'"
+        )
+    return place

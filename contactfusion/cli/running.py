@@ -2,6 +2,7 @@
 
 import sys
 from contextlib import closing
+from os.path import relpath
 from pathlib import Path
 from typing import Annotated
 
@@ -100,7 +101,7 @@ def check(
     topic: Topics = None,
     set_: Changed = None,
 ) -> None:
-    """Build all that a configuration names, run nothing: what it holds, and every fault."""
+    """Build all that a configuration names, play the beginning: what it holds, and every fault."""
     from contactfusion.check import check_file
 
     found = check_file(configuration, recording, set_ or [], roles(topic))
@@ -140,7 +141,8 @@ def identify(
     for line in found.report():
         say(line)
     if out is not None:
-        say(f"results: {out}; it counts once {configuration} has `identified: {out.name}`")
+        named = relpath(out.resolve(), configuration.resolve().parent)
+        say(f"results: {out}; it counts once {configuration} has `identified: {named}`")
 
 
 def record(

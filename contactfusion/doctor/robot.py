@@ -7,6 +7,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError, RobotError, name_hint
+from contactfusion.files import require_spared
 from contactfusion.frames import inverse, points_in, vectors_in
 from contactfusion.identify.wrists import Sample, Weighed, resting, weighed
 from contactfusion.model import rooted
@@ -45,6 +46,8 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
     """
     path = located(name)
     config = _described(path)
+    if out is not None:
+        require_spared("--out", out, [path, config.path()])
     try:
         model = RobotModel(config)
     except ConfigurationError as error:

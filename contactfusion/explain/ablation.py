@@ -21,9 +21,10 @@ from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline import Step
 from contactfusion.terminal import printable
 
+FILES = ("ablation.csv", "ablation.json", "ablation.png")
+"""Of the folder that takes the results."""
 STEP, FURTHEST = 1e-4, 2.0
 """Resolution and greatest value of the counted moves [m]."""
-
 
 CAUTION = (
     "Each step was fused again without the source. Controllers, and generators that remember, were "
@@ -267,10 +268,10 @@ def write_ablation(worths: Sequence[Worth], out: Path) -> list[Path]:
     if not worths:
         raise ContactFusionError("the recording leads to no step with a source, so nothing is left")
     make_folder(out)
-    contents = {"ablation.csv": as_csv(worths), "ablation.json": as_json(worths)}
-    for name, content in contents.items():
-        write_whole(out / name, content)
-    return [out / name for name in contents]
+    written = [out / name for name in FILES[:2]]
+    for path, content in zip(written, (as_csv(worths), as_json(worths)), strict=True):
+        write_whole(path, content)
+    return written
 
 
 def write_picture(worths: Sequence[Worth], out: Path) -> Path:
@@ -279,8 +280,8 @@ def write_picture(worths: Sequence[Worth], out: Path) -> Path:
     Raises:
         DependencyError: matplotlib is not installed.
     """
-    write_whole(out / "ablation.png", picture(worths))
-    return out / "ablation.png"
+    write_whole(out / FILES[2], picture(worths))
+    return out / FILES[2]
 
 
 def _names(worths: Sequence[Worth]) -> list[str]:

@@ -130,11 +130,16 @@ def ask(order: str, name: str | None = None) -> str:
         (name,) = names
     if name is None or name not in names:
         hint = name_hint(name or "", names, "ones that run") if names else "nothing does"
-        raise ConfigurationError(f"no `contactfusion live` runs as '{name}': {hint}")
+        named = "" if name is None else f" as '{name}'"
+        raise ConfigurationError(f"no `contactfusion live` runs{named}: {hint}")
+    try:
+        line = order.encode() + b"\n"
+    except UnicodeEncodeError:
+        raise ConfigurationError(f"the order {order!r} is no text in UTF-8") from None
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(2.0 * PATIENCE)
         connection.connect(str(names[name]))
-        connection.sendall(order.encode() + b"\n")
+        connection.sendall(line)
         answer = json.loads(_line(connection))
     if not answer["ok"]:
         raise ConfigurationError(answer["text"])
