@@ -1,4 +1,4 @@
-"""Builds all that a configuration names, runs nothing, and reports what it holds and lacks."""
+"""Builds all that a configuration names, and reports what it holds and lacks."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -26,6 +26,7 @@ from contactfusion.recordings.opening import open_recording
 from contactfusion.run.configuration import RunConfig, Setting, setting_of_file
 from contactfusion.run.joining import joined
 from contactfusion.run.session import Session, stream_of
+from contactfusion.run.summary import NO_GENERATORS, refused_at_once
 from contactfusion.stream import Stream
 
 SLACK = 0.1
@@ -47,12 +48,12 @@ class Check:
 
 
 def check_file(
-    path: Path,
-    recording: Path | None = None,
+    path: str | Path,
+    recording: str | Path | None = None,
     overrides: Sequence[str] = (),
     topics: Mapping[str, str] | None = None,
 ) -> Check:
-    """Check a configuration: build everything, run nothing.
+    """Check a configuration: build everything, play no more than the beginning of a recording.
 
     Args:
         path: a YAML file of a pipeline, with or without a recording or a scene.
@@ -63,6 +64,7 @@ def check_file(
     Raises:
         ConfigurationError: the file is missing or no YAML, or a change is none.
     """
+    path, recording = Path(path), None if recording is None else Path(recording)
     setting = setting_of_file(path, overrides)
     fields = {"folder": setting.folder, **setting.fields}
     if recording is not None:
@@ -122,6 +124,8 @@ class _Checking:
         is_scene = isinstance(config, RunConfig) and bool(config.scene)
         if is_scene and self.faults:
             return
+        if not self._fields.get("generators"):
+            self.faults.append(NO_GENERATORS)
         with self._gathering("scene" if is_scene else str(recording or "recording")):
             if recording is not None:
                 stream: Stream = open_recording(recording)
@@ -151,6 +155,9 @@ class _Checking:
             self._sources += inputs.taken
             if not self.faults:
                 self._join(session.pipeline, recording)
+            if not self.faults:
+                with self._gathering(""):
+                    self.faults += refused_at_once(session.pipeline, session.readings())
 
     def _join(self, pipeline: Pipeline, recording: Stream) -> None:
         """Find the places of all frames."""

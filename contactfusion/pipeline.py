@@ -241,7 +241,7 @@ class Pipeline:
             SourceError: no such generator is plugged.
         """
         generator = self.plugged(name)
-        del self.generators[name], self.options[name]
+        del self.generators[name], self.options[name], self.given[name]
         self._unready.pop(f"'{name}'", None)
         for source in self._sources.pop(name):
             self.integrator.unplug(source)

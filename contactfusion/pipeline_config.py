@@ -144,7 +144,10 @@ class PipelineConfig(Model):
         """Apply the preset; read the files of robot and identification, root the names in them."""
         if (preset := fields.get("preset")) is not None:
             fields = preset_named(str(preset)).beneath(fields)
-        robot, folder = fields.get("robot"), Path(fields.get("folder", ""))
+        for name in ("folder", "files_within"):
+            if not isinstance(given := fields.get(name, ""), str | Path | None):
+                raise ConfigurationError(f"must be a path, not {given!r}", name)
+        robot, folder = fields.get("robot"), Path(fields.get("folder") or "")
         within = Path(fields["files_within"]) if fields.get("files_within") is not None else None
         try:
             if isinstance(robot, str | Path):
@@ -185,8 +188,9 @@ class PipelineConfig(Model):
                 raise ConfigurationError(
                     "name the type of the generator", f"generators.{name}.type"
                 )
-            if "/" in name:
-                raise ConfigurationError("a name may not hold a slash", f"generators.{name}")
+            if "/" in name or not name:
+                problem = "a name may not hold a slash" if name else "a generator needs a name"
+                raise ConfigurationError(problem, f"generators.{name}")
         if self.controller is not None and not isinstance(self.controller.get("type"), str):
             raise ConfigurationError("name the type of the controller", "controller.type")
         return self

@@ -1,5 +1,6 @@
-"""`contactfusion check`: everything is built, nothing runs, and every fault is told."""
+"""`contactfusion check`: everything is built, the beginning is played, every fault is told."""
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -376,3 +377,18 @@ def test_the_command_tells_each_fault_in_a_line_of_its_own(
         f"contactfusion: {file}: cycle.every: 10 s is implausible, the limit is 5 s; "
         "times are in seconds: did you mean 0.01?",
     ]
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ("surface=null", "every cloud of 'wrist' was refused: .* needs the surface of the robot"),
+        ("generators.wrist.load=robot", "every cloud of 'wrist' was refused: .* needs the robot"),
+        ("faults=[{fault: bias, sensor: wrist, amount: 1}]", "faults.0.amount: .* takes 6 numbers"),
+        ("generators={}", "generators: none are configured, so nothing can be found"),
+        ('generators={"": {type: force_torque, sign: on_robot}}', "generators.: a generator needs"),
+    ],
+)
+def test_what_shows_at_the_first_reading_is_told(change: str, fault: str, file: Path) -> None:
+    (told,) = faults(file, change)
+    assert re.match(fault, told)

@@ -19,6 +19,7 @@ from contactfusion.run.configuration import (
 )
 from contactfusion.run.inputs import roles_of
 from contactfusion.run.session import Session
+from contactfusion.run.summary import Summary, refuse, refused_at_once
 from contactfusion.terminal import followed, note, progress, say
 
 
@@ -144,11 +145,17 @@ def ablate_recording(source: Source, out: Path) -> None:
     Raises:
         ContactFusionError: there is no step, or source is not what it should be.
     """
-    from contactfusion.explain.ablation import ablated, table, write_ablation, write_picture
+    from contactfusion.explain.ablation import FILES, ablated, table, write_ablation, write_picture
 
+    read = source.files()
+    for name in FILES:
+        require_spared("--out", out / name, read)
     with closing(source.session()) as session:
         task = f"leaving sources out of {source.recording}"
-        worths = ablated(followed(session.steps(), task, session.stream.end))
+        summary = Summary(session.pipeline)
+        steps = followed(session.steps(summary.observer), task, session.stream.end)
+        worths = ablated(steps)
+        refused = [why for _, why in summary.refused()]
     paths = write_ablation(worths, out)
     note(table(worths), lines=True)
     try:
@@ -157,6 +164,7 @@ def ablate_recording(source: Source, out: Path) -> None:
         note(f"no picture is drawn: {error}")
     say(f"results: {', '.join(map(str, paths))}")
     session.complain()
+    refuse(source.configuration or source.recording, refused)
 
 
 def tune_recording(
@@ -178,6 +186,8 @@ def tune_recording(
     from contactfusion.tune.report import table, write_tuning
 
     with closing(source.session()) as session:
+        refused = refused_at_once(session.pipeline, session.readings())
+        refuse(source.configuration or source.recording, refused)
         chosen = {"topics": dict(session.setting.topics), "ignored": list(session.setting.ignored)}
         # of the configuration the fields count, not the text
         files = [file for file in source.files() if file != source.configuration]

@@ -20,7 +20,13 @@ from contactfusion.pipeline_config import (
     with_identified,
 )
 from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.opening import DESCRIBED, SUFFIXES, YAML, unfit_configuration
+from contactfusion.recordings.opening import (
+    DESCRIBED,
+    SUFFIXES,
+    YAML,
+    is_bag,
+    unfit_configuration,
+)
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.yaml_files import read_yaml, require_shallow
@@ -162,8 +168,9 @@ def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
         ConfigurationError: the file, or that of `identified`, is missing, a recording, or no
             YAML, or a change is none.
     """
-    require_file(path, ConfigurationError)
-    if path.suffix.lower() in (*DESCRIBED, *SUFFIXES):
+    if not (is_recording := is_bag(path)):
+        require_file(path, ConfigurationError)
+    if is_recording or path.suffix.lower() in (*DESCRIBED, *SUFFIXES):
         raise ConfigurationError(
             f"{path} is a recording, and no configuration: `contactfusion init {path} --out "
             f"{path.stem}.yaml` writes a first configuration for it"
@@ -205,7 +212,8 @@ def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
         ConfigurationError: the path is that of a configuration.
         DependencyError: rosbags is not installed.
     """
-    require_file(path, RecordingError)
+    if not is_bag(path):
+        require_file(path, RecordingError)
     setting = kept_setting(path)
     if setting is None:
         unfit = path.suffix in YAML and unfit_configuration(path, read_yaml(path))

@@ -1,6 +1,7 @@
 """`contactfusion run`: plays a recording or a scene to a pipeline, and keeps what is found."""
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
@@ -28,11 +29,11 @@ NO_TOPICS: Mapping[str, str] = MappingProxyType({})
 
 
 def run_file(
-    path: Path,
-    recording: Path | None = None,
+    path: str | Path,
+    recording: str | Path | None = None,
     *,
     overrides: Sequence[str] = (),
-    out: Path | None = None,
+    out: str | Path | None = None,
     seed: int | None = None,
     topics: Mapping[str, str] = NO_TOPICS,
     ignored: Sequence[str] = (),
@@ -59,10 +60,14 @@ def run_file(
         watch: opens a further observer.
 
     Raises:
-        ContactFusionError: the file, a plug-in, the recording, the scene or an output is not what
-            it should be, or something that the configuration needs never came.
+        ContactFusionError: the rate, the file, a plug-in, the recording, the scene or an output is
+            not what it should be, or something that the configuration needs never came.
         KeyboardInterrupt: the run was interrupted.
     """
+    if rate is not None and not 0.0 < rate < math.inf:
+        raise ConfigurationError(f"the rate is a positive multiple of real time, not {rate}")
+    path, recording = Path(path), None if recording is None else Path(recording)
+    out = None if out is None else Path(out)
     setting = setting_of_file(path, overrides, seed).choosing(topics, ignored)
     folder = folder_of(out, setting.files(recording))
     outputs: list[Observer] = []
@@ -87,6 +92,8 @@ def run_file(
             with together([*files.values(), *([watch(session)] if watch else [])]) as opened:
                 outputs += opened
                 stopped = _play(session, task, [Observer(pace.wait), summary.observer, *opened])
+                if isinstance(stopped, ConfigurationError) and not summary.steps:
+                    raise ConfigurationError(f"{path}: {stopped}") from stopped
                 if not summary.came and stopped is not None:
                     raise stopped
                 if not summary.came and window.start:  # an older file is not replaced
@@ -95,8 +102,8 @@ def run_file(
                         f"{window.start:g} s"
                     )
         except (Exception, KeyboardInterrupt) as error:
-            if not summary.came:
-                raise
+            if not summary.came or (isinstance(stopped, ConfigurationError) and not summary.steps):
+                raise  # an older file stays
             if stopped is None or any(stopped is output.failure for output in outputs):
                 stopped = error  # it names the file
         took = time.perf_counter() - began

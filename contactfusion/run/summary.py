@@ -4,6 +4,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from statistics import median
 from typing import Any, final
@@ -16,7 +17,7 @@ from contactfusion.errors import ConfigurationError, listed_once, name_hint
 from contactfusion.faults import unmet
 from contactfusion.hypotheses import HypothesisKind, Note
 from contactfusion.integrator.sources import EventKind, SourceReport
-from contactfusion.loop import Observer
+from contactfusion.loop import Observer, play
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading, Transform
 from contactfusion.readings.codec import Role
@@ -24,10 +25,16 @@ from contactfusion.readings.registry import installed_kinds
 
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN, EventKind.DISAGREES)
 """What is worth a sentence at the end."""
-CAUSES: dict[str, str] = {Note.MORE_THAN_ONE_CONTACT: "tare?"}
+NO_GENERATORS = "generators: none are configured, so nothing can be found"
+CAUSES: dict[str, str] = {
+    Note.MORE_THAN_ONE_CONTACT: "tare?",
+    Note.OFF_SURFACE: "is the surface that of what is touched, and the sign right?",
+}
 """The likely cause of a remark that most clouds of a source come with, of a force that changes."""
 
 
+TRIED = 300
+"""So many readings are played to see whether all fits."""
 MOST_EVENTS = 20_000
 """So many events of a run are kept, the newest."""
 LEARNT = 200
@@ -301,7 +308,7 @@ class Summary:
             hint = name_hint(on, sensors.union(installed_kinds().names), "sensors and types")
             yield f"cycle.on: no reading of '{on}' came; {hint}"
         if not config.generators:
-            yield "generators: none are configured, so nothing can be found"
+            yield NO_GENERATORS
         for name, generator in self._pipeline.generators.items():
             fit = [sensor for sensor, kind in came if issubclass(kind, generator.readings)]
             wanted = generator.config.sensor
@@ -327,17 +334,25 @@ class Summary:
                 waits = self._pipeline.waits_for(name)
                 why = f": {waits}" if waits else ""
                 yield f"generators.{name}: it gave no cloud for any of its {given} readings{why}"
+        refused = dict(self.refused())
         for name, source in sources.items():
             if f"generators.{name.partition('/')[0]}" in ended:
                 continue
             came = source.accepted + source.late + source.invalid
-            if source.invalid == came > 0:
-                yield f"every cloud of '{name}' was refused: {self._why(EventKind.REFUSED, name)}"
+            if name in refused:
+                yield refused[name]
             elif 2 * source.invalid > came:
                 why = self._why(EventKind.REFUSED, name)
                 yield f"{source.invalid} of {came} clouds of '{name}' were refused: {why}"
             elif source.early and not source.accepted:
                 yield f"no cloud of '{name}' was accepted: {self._why(EventKind.EARLY, name)}"
+
+    def refused(self) -> Iterator[tuple[str, str]]:
+        """Each source of which every cloud was refused, and a sentence on why."""
+        for name, source in self._sources.items():
+            if source.invalid == source.accepted + source.late + source.invalid > 0:
+                why = self._why(EventKind.REFUSED, name)
+                yield name, f"every cloud of '{name}' was refused: {why}"
 
     def _looked(self, generator: AnyGenerator) -> int:
         """How many clouds the busiest source of a generator gave, of use or not."""
@@ -358,6 +373,25 @@ def _force(contact: Contact) -> str:
         return ""
     x, y, z = np.round(contact.force, 1) + 0.0  # no -0
     return f", force ({x:.1f}, {y:.1f}, {z:.1f}) N"
+
+
+def refused_at_once(pipeline: Pipeline, readings: Iterable[Reading]) -> Iterator[str]:
+    """Play the first readings, without a command: some faults show only there.
+
+    Yields:
+        A sentence for each source of which every cloud was refused, unless it lacks a transform,
+        which may come.
+
+    Raises:
+        ConfigurationError: the pipeline does not fit the readings.
+    """
+    pipeline.reset()
+    summary = Summary(pipeline)
+    for _ in play(pipeline, islice(readings, TRIED), [summary.observer]):
+        pass
+    for name, why in summary.refused():
+        if not pipeline.unplaced[name.partition("/")[0]]:
+            yield why
 
 
 def refuse(path: Path, complaints: Iterable[str]) -> None:
