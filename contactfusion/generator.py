@@ -48,7 +48,7 @@ class GeneratorConfig(Model):
     replace: bool = True
     """Whether each of its clouds replaces all earlier ones, as for a moving contact."""
     sensitivity: float = Field(default=0.0, ge=0, lt=1)
-    """Probability of detection of a contact; from 0 on, an empty cloud is evidence against
+    """Probability of detection of a contact; above 0, an empty cloud is evidence against
     contacts, where the rule uses it (`sets`)."""
     budget: Memory = Field(default=0.1, gt=0)
     """Time for one reading [s] above which it is an overrun."""

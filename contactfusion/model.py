@@ -119,6 +119,8 @@ def _wrong(detail: ErrorDetails, model: type[BaseModel]) -> ConfigurationError:
             if isinstance(cause, ConfigurationError):
                 return cause.under(path)
             return ConfigurationError(str(cause), path)
+        case "path_type":
+            return ConfigurationError(f"must be a path, not {detail['input']!r}", path)
         case "less_than_equal" | "greater_than_equal" if problem := _implausible(detail, model):
             return ConfigurationError(problem, path)
         case _:

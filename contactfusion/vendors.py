@@ -125,7 +125,7 @@ def beneath(kind: str, fields: Any) -> Any:
     """
     if not isinstance(fields, dict) or (name := fields.get("vendor")) is None:
         return fields
-    if name not in VENDORS[kind]:
+    if str(name) not in VENDORS[kind]:
         hint = name_hint(str(name), VENDORS[kind], "vendors")
         raise ConfigurationError(f"unknown vendor '{name}': {hint}", "vendor")
     return {**VENDORS[kind][name].options, **fields}

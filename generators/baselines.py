@@ -57,6 +57,15 @@ def fit_baseline(images: FloatArray, least_noise: float) -> tuple[FloatArray, Fl
 
     Returns:
         Median and standard deviation of each taxel, both of shape (n,).
+
+    Raises:
+        ValueError: there are no images, they are no table of finite numbers, or the least standard
+            deviation is not positive.
     """
+    images = np.asarray(images, np.float64)
+    if images.ndim != 2 or not images.size or not np.isfinite(images).all():
+        raise ValueError(f"images are finite, of shape (m, n) with m, n > 0, not {images.shape}")
+    if not 0.0 < least_noise < np.inf:
+        raise ValueError(f"the least standard deviation is positive, not {least_noise}")
     noise = np.maximum(images.std(axis=0), least_noise)
     return np.median(images, axis=0), noise

@@ -24,10 +24,17 @@ from contactfusion.state import State
 from contactfusion.units import Spread
 
 
+class RuleProximityConfig(ProximityConfig):
+    """The region in front of the face, and its cells as seen from above (O §III-A)."""
+
+    occupied: int = Field(default=2, ge=1)
+    """The least number of points in an occupied cell; with 2, one false range is ignored."""
+
+
 class LidarRuleConfig(PerceivedConfig):
     """The options of `lidar_rule`."""
 
-    proximity: ProximityConfig = Field(default_factory=lambda: ProximityConfig(occupied=2))
+    proximity: RuleProximityConfig = Field(default_factory=RuleProximityConfig)
     """The region in front of the face, and its cells."""
     touch: Spread = Field(default=0.01, gt=0)
     """The proximity below which an object touches [m]."""

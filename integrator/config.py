@@ -143,7 +143,11 @@ def _with_threshold(fields: dict[str, Any]) -> dict[str, Any]:
     held = dict(fields.get("condensation_options", {}))
     if "existence" not in held:
         return fields
-    return {**fields, "threshold": held.pop("existence"), "condensation_options": held}
+    existence = held.pop("existence")
+    if fields.get("threshold", existence) != existence:
+        problem = f"is the same as the threshold, which is {fields['threshold']}: leave one out"
+        raise ConfigurationError(problem, "condensation.existence")
+    return {**fields, "threshold": existence, "condensation_options": held}
 
 
 def _moved(fields: dict[str, Any]) -> dict[str, Any]:

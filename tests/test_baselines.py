@@ -16,6 +16,16 @@ def test_one_number_serves_all_taxels() -> None:
     assert values.tolist() == [3.0, 3.0] and noise.tolist() == [1.0, 2.0]
 
 
+@pytest.mark.parametrize(
+    ("images", "noise"),
+    [(np.empty((0, 4)), 0.5), (np.ones(4), 0.5), (np.full((3, 4), np.nan), 0.5)]
+    + [(np.ones((3, 4)), noise) for noise in (0.0, -1.0, np.nan)],
+)
+def test_a_baseline_of_nothing_is_none(images: Any, noise: float) -> None:
+    with pytest.raises(ValueError, match="images are finite|standard deviation is positive"):
+        fit_baseline(images, noise)
+
+
 def test_a_baseline_file_replaces_both(tmp_path: Path) -> None:
     images = np.random.default_rng(0).normal(240.0, 3.0, (500, 4))
     values, noise = fit_baseline(images, 0.5)

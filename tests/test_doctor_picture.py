@@ -53,7 +53,7 @@ def test_equal_robots_give_equal_pictures(tmp_path: Path) -> None:
 def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file")
     model = built(tmp_path, link("a", BOX))
-    with pytest.raises(ContactFusionError, match="can't be written: Is a directory"):
+    with pytest.raises(ContactFusionError, match="can't be written: it is a folder"):
         draw_robot(posed(model), tmp_path)
     with pytest.raises(ContactFusionError, match="taken cannot be made: File exists"):
         draw_robot(posed(model), tmp_path / "taken" / "a.png")

@@ -189,7 +189,7 @@ class TestWhatIsBelieved:
             generator(**options)
 
     def test_a_missing_mesh_is_told(self) -> None:
-        with pytest.raises(RobotError, match=r"there is no mesh no\.ply"):
+        with pytest.raises(RobotError, match=r"there is no file 'no\.ply'"):
             generator(objects={"thing": {"mesh": "no.ply", "pose": {"parent": "base"}}})
 
 

@@ -1,9 +1,12 @@
 import numpy as np
 import pytest
 
-from contactfusion.generators.lidar_rule import LidarRuleConfig, LidarRuleGenerator
+from contactfusion.generators.lidar_rule import (
+    LidarRuleConfig,
+    LidarRuleGenerator,
+    RuleProximityConfig,
+)
 from contactfusion.generators.perceived import NOTHING_NEAR, Kind, Memory, Percept, half_length
-from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.readings import PointCloud
@@ -11,7 +14,7 @@ from contactfusion.state import State
 
 SIDE = 0.0125
 STATE = State(now=1.0, grid=Grid(frame="base", voxel_size=SIDE))
-PROXIMITY = ProximityConfig()
+PROXIMITY = RuleProximityConfig(occupied=1)
 
 
 def lengths_with(nearest: dict[int, float]) -> np.ndarray:
@@ -32,6 +35,11 @@ def by_rule(*points: tuple[float, float, float]) -> HypothesisCloud:
     reading = PointCloud(stamp=1.0, frame="base", points=np.array(points).reshape(-1, 3))
     (cloud,) = generator.generate(reading, STATE)
     return cloud
+
+
+def test_a_cell_holds_two_points_whatever_else_of_it_is_given() -> None:
+    given = LidarRuleConfig(proximity={"cell": (0.04, 0.05)})  # type: ignore[arg-type]
+    assert given.proximity.occupied == LidarRuleConfig().proximity.occupied == 2
 
 
 def test_a_point_is_a_column_of_voxels_over_the_faces_height() -> None:

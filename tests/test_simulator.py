@@ -174,7 +174,7 @@ def test_an_object_that_cannot_be_is_refused(objects: Any, sentence: str) -> Non
 
 def test_a_missing_mesh_is_told() -> None:
     objects = {"box": {"mesh": "no.ply", "pose": {"parent": "base"}}}
-    with pytest.raises(RobotError, match=r"there is no mesh no\.ply"):
+    with pytest.raises(RobotError, match=r"there is no file 'no\.ply'"):
         generator(objects=objects)
 
 

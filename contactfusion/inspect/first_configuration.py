@@ -9,7 +9,7 @@ from typing import final
 import yaml
 
 from contactfusion.errors import ConfigurationError, ContactFusionError
-from contactfusion.files import make_folder, write_whole
+from contactfusion.files import make_folder, require_spared, write_whole
 from contactfusion.inspect.first_lines import (
     force_torque_lines,
     free_space_lines,
@@ -74,6 +74,11 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
         ContactFusionError: the recording or the URDF is not valid.
     """
     _refuse_existing(out, force)
+    read = [
+        *(source.iterdir() if source.is_dir() else (source,)),
+        *(() if robot is None else (robot,)),
+    ]
+    require_spared("--out", out, read)
     if source.suffix in URDF:
         if robot is not None:
             raise ConfigurationError(f"--robot is for recordings, and {source} is a robot itself")
@@ -86,8 +91,10 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
     PipelineConfig(**pipeline_fields(fields))
     files = {out: first.text}
     if first.urdf:
-        files[out.with_suffix(".urdf")] = first.urdf
-        _refuse_existing(out.with_suffix(".urdf"), force)
+        beside = out.with_suffix(".urdf")
+        files[beside] = first.urdf
+        _refuse_existing(beside, force)
+        require_spared("--out", beside, read)
     for path, content in files.items():
         write_whole(path, content)
     for remark in first.remarks:

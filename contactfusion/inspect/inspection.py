@@ -390,9 +390,9 @@ def _lines(inspection: Inspection) -> Iterator[str]:
     start = f"{seconds:.3f} s"
     if seconds > EPOCHS:
         start = f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
-    messages = sum(topic.messages for topic in inspection.topics)
+    messages, count = sum(topic.messages for topic in inspection.topics), len(inspection.topics)
     yield (
-        f"{inspection.path}: {messages} messages on {len(inspection.topics)} topics in "
+        f"{inspection.path}: {messages} messages on {count} topic{'s' * (count != 1)} in "
         f"{inspection.duration:.1f} s, from {start}"
     )
     head = ("topic", "type", "messages", "rate Hz", "frame", "delay s", "reading", "for")

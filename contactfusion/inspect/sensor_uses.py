@@ -30,6 +30,8 @@ from contactfusion.readings import (
 from contactfusion.robots.model import RobotModel
 from contactfusion.vendors import convention_of
 
+LONGEST_NAME = 200
+"""Names of generators are cut: YAML takes keys of up to 1,024 characters."""
 LOOK = 5.0
 """The part of a recording that is read, from its start [s]."""
 
@@ -139,7 +141,7 @@ def uses_of(
 
 def generator_name(sensor: str) -> str:
     """The name of the generator that a sensor feeds."""
-    return sensor.replace("/", "_")
+    return sensor.replace("/", "_")[:LONGEST_NAME]
 
 
 def _lost(

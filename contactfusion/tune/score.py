@@ -37,6 +37,10 @@ class Label:
     place: tuple[float, float, float] | None
 
 
+FURTHEST = 1000.0
+"""The greatest coordinate of a place [m]."""
+
+
 def read_labels(path: Path) -> list[Label]:
     """The labels in a CSV file with the columns start, end, x, y, z.
 
@@ -103,6 +107,8 @@ def _label(row: Mapping[str | None, str | None], where: str) -> Label:
         return Label(start, end, None)
     if x is None or y is None or z is None:
         raise ConfigurationError(f"{where}: give x, y and z, or none of them")
+    if max(abs(x), abs(y), abs(z)) > FURTHEST:
+        raise ConfigurationError(f"{where}: the place is beyond {FURTHEST:g} m")
     return Label(start, end, (x, y, z))
 
 
