@@ -39,6 +39,8 @@ COMMANDS: Mapping[str, Words] = {
 """Words of each command before its output; files that are made for it in braces."""
 HOUR = 3600.0
 """A training on a busy machine takes a quarter of it [s]."""
+RESUMED = 8.0
+"""A command that goes on where it was is killed within that part of the time that it takes."""
 MCAP = ("record", "run", "replay")
 """Commands whose output is a file."""
 
@@ -60,18 +62,21 @@ def kills(
         lasts, expected = time.monotonic() - began, digests(alone)
         killed = alone.with_name(alone.name.replace("alone", "killed"))
         rng, faults = random.Random(name), list[str]()
+        longest = lasts if suffix else lasts / RESUMED
         for _ in range(count):
-            _killed([*words, str(killed)], rng.uniform(0.0, 1.1 * lasts))
+            while not _killed([*words, str(killed)], rng.uniform(0.0, longest)):
+                faults.append("" if digests(killed) == expected else "other bytes at the end")
+                _remove(killed)
             faults.append(_half(digests(killed) if killed.exists() else {}, expected, suffix != ""))
             if suffix:
-                killed.unlink(missing_ok=True)
+                _remove(killed)
         last = command(*words, killed, limit=HOUR)
         faults.append(
             last.fault or ("" if digests(killed) == expected else "other bytes at the end")
         )
         yield Row.of(f"{name}, SIGKILL", faults)
-        shutil.rmtree(alone, ignore_errors=True)
-        shutil.rmtree(killed, ignore_errors=True)
+        _remove(alone)
+        _remove(killed)
 
 
 def _made(folder: Path) -> dict[str, str]:
@@ -83,8 +88,13 @@ def _made(folder: Path) -> dict[str, str]:
     return {"push": str(push), "near": str(near)}
 
 
-def _killed(words: Sequence[str], after: float) -> None:
-    """Start a command, and kill it and all its processes after a time [s], unless it has ended."""
+def _remove(path: Path) -> None:
+    shutil.rmtree(path, ignore_errors=True)
+    path.unlink(missing_ok=True)
+
+
+def _killed(words: Sequence[str], after: float) -> bool:
+    """Whether a command, and all its processes, were killed after a time [s], before it ended."""
     with subprocess.Popen(
         [*CONTACTFUSION, *words],
         stdout=subprocess.DEVNULL,
@@ -95,6 +105,8 @@ def _killed(words: Sequence[str], after: float) -> None:
             process.wait(after)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
+            return True
+    return False
 
 
 def _half(found: Mapping[str, str], expected: Mapping[str, str], is_file: bool) -> str:
