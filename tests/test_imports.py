@@ -67,6 +67,7 @@ CORE = {
     "state",
     "stream",
     "thinning",
+    "transform_buffer",
     "vendors",
     "vision",
     "yaml_files",
@@ -79,10 +80,16 @@ FORBIDDEN = {
     "integrator": {
         *PIPELINE,
         *("controller", "controllers", "generator", "generators", "robot_state", "robots"),
-        *("plugins", "state"),
+        *("plugins", "state", "transform_buffer"),
     },
-    "generators": {*PIPELINE, "controller", "controllers", "integrator", "robot_state"},
-    "controllers": {*PIPELINE, "generator", "generators", "integrator", "robot_state"},
+    "generators": {
+        *PIPELINE,
+        *("controller", "controllers", "integrator", "robot_state", "transform_buffer"),
+    },
+    "controllers": {
+        *PIPELINE,
+        *("generator", "generators", "integrator", "robot_state", "transform_buffer"),
+    },
     "contactfusion/robots": {
         *PIPELINE,
         *("controller", "controllers", "generator", "generators", "integrator", "plugins"),
@@ -90,7 +97,7 @@ FORBIDDEN = {
     "contactfusion/readings": {
         *PIPELINE,
         *("controller", "controllers", "faults", "generator", "generators", "integrator"),
-        *("robot_state", "robots", "state"),
+        *("robot_state", "robots", "state", "transform_buffer"),
     },
     "contactfusion": {"controllers", "generators"},
 }
@@ -249,7 +256,8 @@ def test_imports_point_inward(folder: str) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["assembly", "faults", "frames", "isolation", "pipeline", "pipeline_config", "robot_state"],
+    ["assembly", "faults", "frames", "isolation", "pipeline", "pipeline_config", "robot_state"]
+    + ["transform_buffer"],
 )
 def test_the_pipeline_imports_nothing_that_stands_outside(name: str) -> None:
     source = (ROOT / "contactfusion" / f"{name}.py").read_text()

@@ -14,13 +14,8 @@ from contactfusion.frames import FrameConfig, FrameTree
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import JointState, Odometry, Transform, Twist, Wrench
-from contactfusion.robot_state import (
-    LENGTH,
-    MOST_FRAMES,
-    MOST_SETS,
-    StateBuffer,
-    TransformBuffer,
-)
+from contactfusion.robot_state import MOST_SETS, StateBuffer
+from contactfusion.transform_buffer import LENGTH, MOST_FRAMES, TransformBuffer
 
 STRAIGHT = (0.0, 0.0, 0.0, 1.0)
 quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, NamedTuple, Self, final
 from contactfusion.errors import RecordingError, name_hint
 from contactfusion.model import Model
 from contactfusion.readings import Reading, Transform
-from contactfusion.robot_state import transforms_ahead
 from contactfusion.stream import Arrival, Stream, arrival_of
+from contactfusion.transform_buffer import transforms_ahead
 
 
 class SensorTopics(NamedTuple):
