@@ -349,16 +349,25 @@ def test_an_order_waits_for_want_of_descriptors(
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with Control("probe", str.upper), socket.socket(socket.AF_UNIX) as client:
+    with (
+        Control("probe", str.upper),
+        socket.socket(socket.AF_UNIX) as first,
+        socket.socket(socket.AF_UNIX) as second,
+    ):
         (path,) = tmp_path.rglob("probe.sock")
         resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
         try:
-            client.connect(str(path))
-            client.sendall(b"tare\n")
-            assert b"TARE" in client.recv(1000)
-            time.sleep(0.1)  # the next order finds none
+            for client in (first, second):
+                client.connect(str(path))
+                client.sendall(b"tare\n")
+            second.settimeout(0.3)  # where `accept` waits already, the first has a descriptor
+            with pytest.raises(TimeoutError):
+                second.recv(1000)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        for client in (first, second):
+            client.settimeout(PATIENCE)
+            assert b"TARE" in client.recv(1000)
         assert ask("tare") == "TARE"
 
 
