@@ -71,16 +71,17 @@ def live_kills(folder: Path) -> Iterator[Row]:
     with _base():
         for _ in range(KILLS):
             with _recording(recorded) as live:
+                began = time.time_ns()
                 time.sleep(rng.uniform(0.0, FAILING))
                 ended = time.time_ns()
                 live.kill()
-            found.append(_left(folder, ended))
+            found.append(_left(folder, began, ended))
             for left in folder.glob(".killed_live.mcap.*"):
                 shutil.rmtree(left)
     yield Row.of("live, SIGKILL while it records", found)
 
 
-def _left(folder: Path, ended: int) -> str:
+def _left(folder: Path, began: int, ended: int) -> str:
     """What is wrong with the recording that a killed `live` has left."""
     if (folder / "killed_live.mcap").exists():
         return "the recording has its name, and is not whole"
@@ -90,10 +91,10 @@ def _left(folder: Path, ended: int) -> str:
     done = command("inspect", left[0])
     if done.fault:
         return done.fault
-    last = ended
+    last = began  # the configuration is recorded before anything is heard
     with Bag(left[0]) as bag, suppress(RecordingError):  # which says that it is cut off
         for _, log, _ in bag.messages(bag.channels):
-            last = log
+            last = max(last, log)
     lacks = (ended - last) / 1e9
     return "" if lacks < 1.5 else f"it lacks the last {lacks:.1f} s"
 
