@@ -44,6 +44,8 @@ def main() -> int:
     parser.add_argument("sections", nargs="*", help=f"of {', '.join(SECTIONS)}; default: all")
     parser.add_argument("--out", type=Path, default=Path("out/torture"))
     options = parser.parse_args()
+    if unknown := [name for name in options.sections if name not in SECTIONS]:
+        parser.error(f"unknown {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
     options.out.mkdir(parents=True, exist_ok=True)
     rows = list[Row]()
     for name in options.sections or SECTIONS:
