@@ -19,7 +19,7 @@ from contactfusion.extras import in_lab
 from contactfusion.plugins import Plugin, in_order, plugin_of
 
 GROUP = "contactfusion_commands"
-LAB_COMMANDS = ("demo", "experiment", "train", "tune.push")
+LAB_COMMANDS = ("demo", "experiment", "simulate", "train", "tune.push")
 """Commands that contactfusion-lab brings."""
 ANYTHING = {"ignore_unknown_options": True, "allow_extra_args": True}
 
