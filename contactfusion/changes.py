@@ -41,7 +41,9 @@ class Change:
 
 
 def settle(outcome: "Future[str]", do: Callable[[], str]) -> None:
-    """Do something that another thread waits for."""
+    """Do something that another thread waits for, unless it has given up."""
+    if not (outcome.running() or outcome.set_running_or_notify_cancel()):
+        return
     try:
         outcome.set_result(do())
     except Exception as error:  # it is for who waits, and ends no loop
@@ -91,8 +93,9 @@ def _threshold(pipeline: "Pipeline", value: str) -> str:
 
 
 def _plug(pipeline: "Pipeline", within: Path | None, name: str, *options: str) -> str:
-    if "/" in name:
-        raise ConfigurationError("a name may not hold a slash", f"generators.{name}")
+    for sign in "/.":
+        if sign in name:
+            raise ConfigurationError(f"a name may not hold '{sign}'", f"generators.{name}")
     fields: dict[str, Any] = {"generators": dict(pipeline.config.generators)}
     changed = with_overrides(fields, [f"generators.{name}.{option}" for option in options])
     found = changed["generators"].get(name) or {}

@@ -123,6 +123,8 @@ class Pipeline:
         """Plug-ins that have raised before."""
         self.unplaced: Counter[str] = Counter()
         """How often clouds of each generator were refused as no transform placed them."""
+        self.lost = set[str]()
+        """Generators whose last clouds were refused as no transform placed them."""
         self.given: Counter[str] = Counter()
         """How many readings each generator was given."""
         self.scripted = False
@@ -242,6 +244,7 @@ class Pipeline:
         """
         generator = self.plugged(name)
         del self.generators[name], self.options[name], self.given[name]
+        self.lost.discard(name)
         self._unready.pop(f"'{name}'", None)
         for source in self._sources.pop(name):
             self.integrator.unplug(source)
@@ -417,6 +420,7 @@ class Pipeline:
         self._wrenches.clear()
         self._resultants.clear()
         self.unplaced.clear()
+        self.lost.clear()
         self.given.clear()
         self._failed_commands, self._first_failure = 0, ""
         self._unready.clear()
@@ -471,11 +475,12 @@ class Pipeline:
                 raise PluginError(unready)
             clouds = checked_clouds(ask())
         except (Exception, SystemExit) as error:  # a plug-in may raise anything; no other suffers
-            self.unplaced[generator.name] += isinstance(error, FrameError)
+            self._misses(generator, error)
             reason = self._reason(f"'{generator.name}'", generator, error)
             for source in sources:
                 self.integrator.refuse(source, reason)
             return
+        self.lost.discard(generator.name)
         for cloud in clouds:
             try:
                 if cloud.source not in sources:
@@ -487,7 +492,7 @@ class Pipeline:
                     continue
                 cloud = self._in_space(cloud)
             except ContactFusionError as error:
-                self.unplaced[generator.name] += isinstance(error, FrameError)
+                self._misses(generator, error)
                 self.integrator.refuse(cloud.source, str(error))
                 continue
             try:
@@ -495,6 +500,12 @@ class Pipeline:
             except ContactFusionError:
                 continue  # the integrator has counted it
             self._tell(cloud)
+
+    def _misses(self, generator: AnyGenerator, error: BaseException) -> None:
+        """Count a cloud that no transform places."""
+        if isinstance(error, FrameError):
+            self.unplaced[generator.name] += 1
+            self.lost.add(generator.name)
 
     def _command(self, controller: Controller, fusion: Fusion, state: State) -> Command:
         """The controller's command; where it raises, one without motion, with the reason."""

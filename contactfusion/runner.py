@@ -1,6 +1,7 @@
 """A pipeline on a running robot: how long its generators take, and what is done about it."""
 
 import functools
+import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
@@ -52,7 +53,7 @@ class Budgets:
             if count >= OVERRUNS:
                 del self._overruns[name]
                 self.note(name, f"'{name}' leaves the loop after {count} overruns in a row")
-                yield Change(f"isolate {name}")
+                yield Change(f"isolate {shlex.quote(name)}")
 
 
 class Runner:

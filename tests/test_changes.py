@@ -1,5 +1,6 @@
 """Changes of a pipeline while it runs: what they do, and what is said of wrong ones."""
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.generators.taxel_map import TaxelMap
 from contactfusion.isolation import Isolated
 from contactfusion.readings import Wrench
+from contactfusion.recordings.ros.delivery import answers
+from contactfusion.runner import OVERRUNS, Budgets
 from tests.wire import PROBE
 
 
@@ -149,7 +152,8 @@ def test_restore_undoes_changes() -> None:
         ("plug skin type=null", "'skin' has no type: write plug skin type="),
         ("plug skin type={}", "'skin' has no type: write plug skin type="),
         (f"answer wrist {'9' * 5000}", "is no number of a reading"),
-        ("plug a/b type=force_torque", "^generators.a/b: a name may not hold a slash$"),
+        ("plug a/b type=force_torque", "^generators.a/b: a name may not hold '/'$"),
+        ("plug a.b type=force_torque", "^generators.a.b: a name may not hold '.'$"),
         (f"plug wrist {'.'.join('a' * 3000)}=1", "more than 50 within each other$"),
         (f"plug skin type=tactile shapes.{'9' * 5000}=1 shapes=[]", "skin"),
     ],
@@ -164,3 +168,29 @@ def test_a_wrong_change_is_one_sentence_and_changes_nothing(text: str, sentence:
 def test_every_change_has_a_use() -> None:
     assert words("restart wrist") == ["restart", "wrist"]
     assert list(USES) == sorted(USES, key=list(USES).index)
+
+
+def test_a_change_whose_asker_gave_up_is_not_made() -> None:
+    pipe, late = pipeline(), Change("threshold 0.9")
+    assert late.outcome.cancel()
+    late.carry_out(pipe)
+    assert pipe.integrator.config.threshold == 0.5
+
+
+def test_a_name_with_a_blank_is_isolated_and_its_answers_are_named_so_that_they_are_read() -> None:
+    budgets = Budgets(iter(np.arange(0.0, 100.0)).__next__)
+    pipe = Pipeline(
+        PipelineConfig(**{**PROBE, "generators": {"left arm": PROBE["generators"]["wrist"]}}),
+        budgets.ask,
+    )
+    with closing(pipe):
+        for row in range(OVERRUNS):
+            pipe.receive(push(0.01 * row))
+            pipe.step(0.01 * row)
+        (isolate,) = budgets.changes()
+        isolate.carry_out(pipe)
+        assert isolate.outcome.result() == "'left arm' runs in a process of its own from now on"
+        pipe.receive(push(1.0))
+        pipe.step(1.0)
+        (answer,) = answers(pipe)
+        assert words(answer) == ["answer", "left arm", "1"]

@@ -75,7 +75,7 @@ def test_a_role_takes_the_topic_that_it_is_told() -> None:
 
 
 def test_two_generators_may_read_one_topic() -> None:
-    inputs = found({"ft": Wrench}, wrist=WRIST, other={**WRIST, "sensor": "ft"})
+    inputs = found({"ft": Wrench}, wrist={**WRIST, "sensor": "ft"}, other={**WRIST, "sensor": "ft"})
     assert inputs.sensors == {"ft": "ft"}
     assert {options["sensor"] for options in inputs.generators.values()} == {"ft"}
 
@@ -131,3 +131,27 @@ def test_what_nobody_listens_to_can_be_looked_at() -> None:
     topics = {"ft": Wrench, "left": PointCloud, "right": PointCloud, "cmd_vel": Twist}
     inputs = find_inputs(topics, {"wrist": {**WRIST, "sensor": "wrist"}}, {}, watched=True)
     assert inputs.sensors == {"ft": "wrist", "left": "left", "right": "right"}
+
+
+def test_a_topic_that_is_a_generators_by_name_feeds_no_other_of_its_type() -> None:
+    inputs = found({"left": Wrench}, left=WRIST, right=WRIST)
+    assert inputs.missing == (
+        "generators.right: no topic is called 'right', and /left is that of 'left'",
+    )
+    assert {name: each["sensor"] for name, each in inputs.generators.items()} == {
+        "left": "left",
+        "right": "right",
+    }
+    inputs = found({"raw": Wrench}, {"left": "/raw"}, left=WRIST, right=WRIST)
+    assert inputs.missing and inputs.sensors == {"raw": "raw"}
+
+
+def test_a_topic_that_is_a_generators_by_name_may_feed_one_of_another_type() -> None:
+    inputs = found({"skin": TactileImage}, skin={"type": "tactile"}, foot={"type": "taxel_map"})
+    assert [each["sensor"] for each in inputs.generators.values()] == ["skin", "skin"]
+
+
+def test_a_generator_without_a_topic_takes_that_of_its_own_name_when_it_comes() -> None:
+    inputs = found({}, left=WRIST, right=WRIST)
+    assert len(inputs.missing) == 2
+    assert [each["sensor"] for each in inputs.generators.values()] == ["left", "right"]

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -296,23 +297,39 @@ def test_orders_change_what_runs_and_wrong_ones_are_answered_with_a_sentence(rob
     (robot.folder / "taken.mcap").mkdir()
     with pytest.raises(ValueError, match=r"taken\.mcap"):
         ask("record start taken.mcap")
-    assert ask("record start late.mcap") == "recording to late.mcap"
-    with pytest.raises(ValueError, match=r"late.mcap is being recorded; stop that first"):
+    late = robot.folder / "a late one.mcap"
+    assert ask("record start 'a late one.mcap'") == f"recording to {late}"
+    with pytest.raises(ValueError, match=r"a late one.mcap is being recorded; stop that first"):
         ask("record start other.mcap")
     for _ in range(20):
         robot.push()
-    assert ask("record stop") == "late.mcap is recorded"
-    assert messages_of(robot.folder / "late.mcap", "/wrist")
+    assert ask("record stop") == f"{late} is recorded"
+    assert messages_of(late, "/wrist")
+    for wrong in ("record start 'a b", "record start a.mcap b.mcap", "record stop a.mcap"):
+        with pytest.raises(ValueError, match="write record start|No closing quotation"):
+            ask(wrong)
+    with pytest.raises(ValueError, match="answers are recorded, and can't be ordered"):
+        ask("answer wrist 1")
 
 
-def test_a_configuration_that_is_wrong_ends_it_before_it_starts(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("live", "sentence"),
+    [
+        ({"twist": "cmd vel"}, "live.twist: "),
+        (5, "live: takes fields such as `twist`, not 5"),
+        (False, "live: takes fields such as `twist`, not False"),
+    ],
+)
+def test_a_configuration_that_is_wrong_ends_it_before_it_starts(
+    live: object, sentence: str, tmp_path: Path
+) -> None:
     file = tmp_path / "probe.yaml"
-    file.write_text(yaml.safe_dump({**PROBE, "live": {"twist": "cmd vel"}}), encoding="utf-8")
+    file.write_text(yaml.safe_dump({**PROBE, "live": live}), encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "contactfusion", "live", str(file)], capture_output=True, text=True
     )
     assert done.returncode == 1
-    assert "live.twist" in done.stderr
+    assert sentence in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 
@@ -424,3 +441,23 @@ def test_garbage_is_reported_and_harms_nothing(robot: Robot) -> None:
     other.close()
     heard = len(robot.heard[STRONGEST])
     robot.push_until(lambda: len(robot.heard[STRONGEST]) > heard)
+
+
+def test_what_ends_before_it_answers_is_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as ends:
+        (tmp_path / "contactfusion").mkdir(mode=0o700)
+        ends.bind(str(tmp_path / "contactfusion" / "arm.sock"))
+        ends.listen()
+
+        def hang_up() -> None:
+            for _ in range(2):  # the first asks whether it runs
+                ends.accept()[0].close()
+
+        thread = threading.Thread(target=hang_up)
+        thread.start()
+        with pytest.raises(ConfigurationError, match="^'arm' ended, or hangs: it gave no answer$"):
+            ask("status")
+        thread.join()

@@ -38,6 +38,11 @@ def test_another_robot_is_told_apart(old: str, new: str, clause: str) -> None:
     assert "; ".join(differences(ARM.replace(old, new), ARM)) == clause
 
 
+def test_joints_of_other_elements_are_none_of_the_robots() -> None:
+    control = '<ros2_control name="c"><joint name="shoulder"/></ros2_control></robot>'
+    assert list(differences(ARM.replace("</robot>", control), ARM)) == []
+
+
 def test_of_many_joints_some_are_named() -> None:
     many = "".join(f'<joint name="j{i}" type="fixed"/>' for i in range(9))
     (clause,) = differences(f"<robot>{many}</robot>", "<robot/>")

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from contactfusion import Pipeline, PipelineConfig
@@ -20,18 +21,33 @@ from contactfusion.live.stream import LiveStream
 from contactfusion.live.transport import DEPTH, Quality, matches
 from contactfusion.loop import play
 from contactfusion.pipeline import Step
-from contactfusion.readings.messages import message
+from contactfusion.readings import JointState
+from contactfusion.readings.messages import header, message
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.recording import RawMessage
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.recordings.ros.delivery import CHANGES, CYCLES
+from contactfusion.recordings.ros.topics import Camera
+from tests.arms import ARM, STILL
 from tests.wire import MILLISECOND, PROBE, RELIABLE, SECOND, START, Clock, Wire, transforms, wrench
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 START_OF_PROCESS = 5.0
 """Until it takes its first reading, and until it has answered it, on a busy machine [s]."""
 SENSORS = {"wrist": ("/wrist",)}
+ARM_WITHOUT_SKIN: dict[str, Any] = {
+    "surface": None,
+    "robot": {
+        "urdf": "contactfusion.robots:arm_hand.urdf",
+        "still": STILL,
+        "spacing": 0.02,
+        "efforts": {name: {"noise": 0.05} for name in ARM},
+    },
+    "generators": {"arm": {"type": "joint_torque", "joints": list(ARM), "effort": "external"}},
+    "integrator": {"frame": "base"},
+    "cycle": {"every": 0.02},
+}
 
 
 class Live:
@@ -517,3 +533,112 @@ def test_a_reader_may_ask_for_no_more_than_is_offered() -> None:
     assert not matches(offered=RELIABLE, asked=Quality(True, True))
     assert matches(offered=Quality(True, False, 0.1), asked=Quality(True, False, 0.2))
     assert not matches(offered=RELIABLE, asked=Quality(True, False, 0.2))
+
+
+def test_joints_are_the_sensor_of_contacts_of_an_arm_without_skin() -> None:
+    wire = Wire()
+    wire.writer("/joints", "sensor_msgs/msg/JointState")
+    live = Live(wire, {"joints": ("/joints",)}, **ARM_WITHOUT_SKIN)
+    live.stream.arrived["/joints"] = START + SECOND
+    assert live.stream.stale(START + SECOND) == ""
+    late = live.stream.stale(START + 2 * SECOND)
+    assert late == "no sensor of contacts has reported for 1.00 s"
+
+
+def test_joints_that_are_silent_stop_an_arm_beside_a_sensor_that_reports(wire: Wire) -> None:
+    wire.writer("/joints", "sensor_msgs/msg/JointState")
+    generators = {**ARM_WITHOUT_SKIN["generators"], **PROBE["generators"]}
+    fields = {**ARM_WITHOUT_SKIN, "generators": generators}
+    live = Live(wire, {**SENSORS, "joints": ("/joints",)}, **fields)
+    live.stream.arrived |= {"/wrist": START + SECOND, "/joints": START}
+    assert live.stream.stale(START + SECOND) == "/joints has been silent for 1.00 s"
+
+
+def test_a_sensor_that_no_transform_places_any_more_keeps_nothing_fresh(wire: Wire) -> None:
+    wire.writer("/tf", "tf2_msgs/msg/TFMessage")
+    live = Live(wire, {**SENSORS, "tf": ("/tf",)}, integrator={"frame": "base"})
+    live.say("/tf", transforms(START, "base", "probe"), 0)
+    live.say("/wrist", wrench(START), 0)
+
+    times = iter(range(10, 1500, 10))
+
+    def press(now: int) -> None:
+        if (at := next(times, None)) is None:
+            live.stream.idle = lambda now: None
+            live.stream.end_soon()
+        else:
+            live.clock.now = START + at * MILLISECOND
+            live.say("/wrist", wrench(live.clock.now), at)
+
+    live.stream.idle = press
+    list(play(live.pipeline, live.stream))
+    assert live.pipeline.lost == {"wrist"}
+    late = live.stream.stale(live.clock.now)
+    assert late.startswith("no sensor of contacts has reported for 1.")
+    live.say("/tf", transforms(live.clock.now, "base", "probe"), 1500)
+    live.say("/wrist", wrench(live.clock.now), 1500)
+    live.play()
+    live.say("/wrist", wrench(live.clock.now), 1500)
+    live.play()
+    assert live.stream.stale(live.clock.now) == ""
+
+
+def test_at_a_period_no_reading_that_waited_too_long_forces_a_step(wire: Wire) -> None:
+    wire.writer("/tf", "tf2_msgs/msg/TFMessage")
+    fields = {"integrator": {"frame": "base"}, "cycle": {"every": 1.0}}
+    live = Live(wire, {**SENSORS, "tf": ("/tf",)}, **fields)
+    live.say("/tf", transforms(START - SECOND, "base", "probe"))
+    for at in range(0, 900, 10):
+        live.say("/wrist", wrench(START + at * MILLISECOND), at)
+    live.clock.now += 900 * MILLISECOND
+    assert live.play() == []
+
+
+def test_topics_are_listed_once_however_often_the_network_changes(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.stream.rematch = lambda stream: stream.sensors  # as where several topics fit
+    wire.writers.clear()
+    for number in range(3):
+        wire.writer(f"/rosout_{number}", "rcl_interfaces/msg/Log")
+        live.stream.discovered(wire.ends())
+    assert live.stream.sensors == {"wrist": ["/wrist"]}
+
+
+def test_a_topic_that_comes_back_with_another_type_is_read_as_that(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.stream.rematch = lambda stream: SENSORS
+    wire.writers.clear()
+    live.stream.discovered(wire.ends())
+    wire.writer("/wrist", "sensor_msgs/msg/JointState")
+    live.stream.discovered(wire.ends())
+    joints = message(
+        "sensor_msgs/JointState",
+        header=header(START, "base"),
+        name=["elbow"],
+        position=np.zeros(1),
+        velocity=np.zeros(0),
+        effort=np.zeros(0),
+    )
+    live.say("/wrist", joints)
+    live.play()
+    assert live.stream.states["/wrist"].listener.kind is JointState
+    assert live.stream.states["/wrist"].tally.readings == 1
+
+
+def test_a_camera_keeps_its_camera_info_when_other_nodes_come(wire: Wire) -> None:
+    topics = {
+        "/eye/depth": "sensor_msgs/msg/Image",
+        "/eye/camera_info": "sensor_msgs/msg/CameraInfo",
+    }
+    for name, msgtype in topics.items():
+        wire.writer(name, msgtype)
+    sensors = {"eye": ("/eye/depth",)}
+    live = Live(wire, sensors)
+    live.stream.rematch = lambda stream: sensors
+    before = live.stream.states["/eye/depth"].listener
+    assert isinstance(before, Camera)
+    before.beside.keep("camera_info", 0, header(START, "eye"))
+    wire.writer("/rosout", "rcl_interfaces/msg/Log")
+    live.stream.discovered(wire.ends())
+    after = live.stream.states["/eye/depth"].listener
+    assert isinstance(after, Camera) and after.beside is before.beside

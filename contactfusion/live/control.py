@@ -16,7 +16,7 @@ from typing import final
 from contactfusion.errors import ConfigurationError, ContactFusionError, cause_in, name_hint
 
 LONGEST = 65536
-"""The longest order, and the longest wait for it [characters]."""
+"""So much of a line is read at a time; the longest has 64 times as much [bytes]."""
 PATIENCE = 10.0
 """The longest wait for an order, or for what came of it [s]."""
 SHOWN = 60
@@ -136,11 +136,14 @@ def ask(order: str, name: str | None = None) -> str:
         line = order.encode() + b"\n"
     except UnicodeEncodeError:
         raise ConfigurationError(f"the order {order!r} is no text in UTF-8") from None
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-        connection.settimeout(2.0 * PATIENCE)
-        connection.connect(str(names[name]))
-        connection.sendall(line)
-        answer = json.loads(_line(connection))
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+            connection.settimeout(2.0 * PATIENCE)
+            connection.connect(str(names[name]))
+            connection.sendall(line)
+            answer = json.loads(_line(connection))
+    except (ConfigurationError, OSError):
+        raise ConfigurationError(f"'{name}' ended, or hangs: it gave no answer") from None
     if not answer["ok"]:
         raise ConfigurationError(answer["text"])
     return str(answer["text"])

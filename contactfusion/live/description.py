@@ -57,7 +57,7 @@ def _joints(urdf: str) -> Mapping[str, _Joint]:
         ValueError: an origin holds no three finite numbers.
     """
     joints = {}
-    for joint in ElementTree.fromstring(urdf).iter("joint"):
+    for joint in ElementTree.fromstring(urdf).findall("joint"):
         origin = joint.find("origin")
         fields = {} if origin is None else origin.attrib
         place, angles = (_three(fields.get(key, "0 0 0")) for key in ("xyz", "rpy"))

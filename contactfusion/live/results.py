@@ -18,7 +18,7 @@ from contactfusion.pipeline import Step
 from contactfusion.readings.messages import Message, header, message, vector
 from contactfusion.readings.point_cloud import cloud_message
 from contactfusion.recordings.messages import recorded_stamp, typestore
-from contactfusion.recordings.step_messages import OURS, marker_message, voxel_cloud
+from contactfusion.recordings.step_messages import OURS, is_drawn, marker_message, voxel_cloud
 
 STRONGEST = f"{OURS}contacts/strongest"
 """The wrench of the contact with the greatest force, about the origin of its frame, when measured.
@@ -72,15 +72,15 @@ class Results:
         self._mode = ""
         """Of the controller, as it was published last."""
         self._drawn_at = -np.inf
-        self._has_drawn = True  # what an earlier process drew is deleted
+        self._has_drawn = self._has_voxels = True  # what an earlier process drew is deleted
         self.sent: Counter[str] = Counter()
         """Number of messages by topic."""
         self.on_event: Callable[[str, str], object] = lambda level, text: None
         """Takes the level of each event, info, warning or error, and its sentence."""
 
-    def step(self, step: Step) -> None:
-        """Publish the contacts of a step, and what happened."""
-        contacts = step.fusion.contacts
+    def step(self, step: Step, is_fresh: bool = True) -> None:
+        """Publish the contacts of a step, if what is believed is fresh, and what happened."""
+        contacts = step.fusion.contacts if is_fresh else ()
         top = header(recorded_stamp(step.stamp, self._epoch_ns), self._frame)
         felt = [contact for contact in contacts if np.isfinite(contact.force).all()]
         if felt:
@@ -103,16 +103,25 @@ class Results:
             text = ": ".join(filter(None, ("controller", command.mode, command.reason)))
             self.event("info", text, {"mode": command.mode, "reason": command.reason})
         now = time.monotonic()
-        if now - self._drawn_at >= self._period and (contacts or self._has_drawn):
-            self._drawn_at, self._has_drawn = now, bool(contacts)
-            self._draw(contacts, top)
-            self._send(VOXELS, voxel_cloud(step.fusion, top))
+        if not is_fresh:
+            self.none()
+        elif now - self._drawn_at >= self._period:
+            self._drawn_at = now
+            has_voxels = bool(is_drawn(step.fusion).any())
+            if contacts or self._has_drawn:
+                self._draw(contacts, top)
+            if has_voxels or self._has_voxels:
+                self._send(VOXELS, voxel_cloud(step.fusion, top))
+            self._has_drawn, self._has_voxels = bool(contacts), has_voxels
 
     def none(self) -> None:
         """Publish once that no contact is known, as when what is believed is not fresh."""
+        top = header(self._clock(), self._frame)
         if self._has_drawn:
-            self._has_drawn = False
-            self._draw((), header(self._clock(), self._frame))
+            self._draw((), top)
+        if self._has_voxels:
+            self._send(VOXELS, voxel_cloud(None, top))
+        self._has_drawn = self._has_voxels = False
 
     def event(self, level: str, text: str, more: dict[str, object] | None = None) -> None:
         """Publish an event.

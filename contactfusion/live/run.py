@@ -3,6 +3,7 @@
 import functools
 import json
 import re
+import shlex
 import signal
 import threading
 import time
@@ -33,7 +34,6 @@ from contactfusion.loop import Observer
 from contactfusion.pipeline import Step
 from contactfusion.readings.messages import Message
 from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.recording import WHOLE
 from contactfusion.run.configuration import Setting, setting_of_file
 from contactfusion.run.session import Session, matched
 from contactfusion.run.summary import Summary
@@ -43,8 +43,8 @@ from contactfusion.terminal import note, say
 NUMBERS = r"[\d.e+-]+"
 LOOK = 0.5
 """The time between two looks at what is on the network [s]."""
-WATCH_NS = 10_000_000
-"""The least time between two looks at what is stale [ns]."""
+WATCH = 0.01
+"""The least time between two looks at what is stale [s]."""
 REPORT = 1.0
 """The time between two diagnostics [s]."""
 SHOW = 0.1
@@ -92,7 +92,11 @@ def run_live(
     setting = setting_of_file(path, overrides).choosing(topics, ignored)
     with naming(path):
         try:
-            config = LiveConfig(**(setting.fields.get("live") or {}))
+            fields = setting.fields.get("live")
+            fields = {} if fields is None else fields
+            if not isinstance(fields, Mapping):
+                raise ConfigurationError(f"takes fields such as `twist`, not {fields!r}")
+            config = LiveConfig(**fields)
         except ConfigurationError as error:
             raise error.under("live") from None
     transport = open_transport()
@@ -125,7 +129,7 @@ def _awaited(network: LiveStream, setting: Setting, wait: float) -> Sequence[str
     """Wait until all that generators need is there; what is missing then, in sentences."""
     ends = time.monotonic() + wait
     while True:
-        _, inputs = matched(setting, network, WHOLE, None, watched=False)
+        _, inputs = matched(setting, network)
         if not inputs.missing or time.monotonic() > ends:
             return inputs.missing
         time.sleep(0.05)
@@ -168,7 +172,7 @@ class _Live:
         budgets.note = functools.partial(pipeline.integrator.note, EventKind.OVERRUN)
         stream.obey, stream.idle = self._commander.send, self._idle
         stream.rematch = self._rematched
-        self._watched, self._reported, self._shown = 0, 0.0, 0.0
+        self._watched = self._reported = self._shown = 0.0
         self._ends: float | None = None
         self._troubled: set[str] = set()
         if pipeline.config.robot is not None:
@@ -217,21 +221,30 @@ class _Live:
             return json.dumps(self._status.snapshot, indent=1)
         if order == "record":
             return self._record(rest.strip())
-        words(text)
+        if words(text)[0] == "answer":
+            raise ConfigurationError("answers are recorded, and can't be ordered")
         change = Change(text.strip())
+        change.outcome.add_done_callback(self._changed)
         self._stream.queue.put(change)
-        done = _result(change.outcome)
-        self._stream.queue.put(functools.partial(self._results.event, "info", done))
-        return done
+        return _result(change.outcome)
+
+    def _changed(self, outcome: "Future[str]") -> None:
+        """Publish a change that was made, in the thread of the loop."""
+        if not outcome.cancelled() and outcome.exception() is None:
+            self._results.event("info", outcome.result())
 
     def _record(self, what: str) -> str:
         """Begin or end a recording, in the thread of the loop."""
-        verb, _, file = what.partition(" ")
-        if verb not in ("start", "stop"):
+        try:
+            verb, *files = shlex.split(what) or [""]
+        except ValueError as error:
+            raise ConfigurationError(f"'{what}': {error}") from None
+        if verb not in ("start", "stop") or len(files) > (verb == "start"):
             raise ConfigurationError("write record start [FILE.mcap], or record stop")
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
-        path = Path(file.strip() or f"{self._setting.origin.stem}-{now}.mcap")
+        path = Path(*files or (f"{self._setting.origin.stem}-{now}.mcap",)).absolute()
         outcome = Future[str]()
+        outcome.add_done_callback(self._changed)
         do = functools.partial(self._tape.start, path) if verb == "start" else self._tape.stop
         self._stream.queue.put(functools.partial(settle, outcome, do))
         return _result(outcome)
@@ -239,23 +252,23 @@ class _Live:
     def _step(self, step: Step) -> None:
         self._tape.step(step)
         self._status.step(step)
-        if not self._commander.stopped:
-            self._results.step(step)
+        self._results.step(step, is_fresh=not self._commander.stopped)
         self._status.draw()
 
     def _idle(self, now: int) -> None:
         """In the gaps of the loop: watch what is stale, and report."""
-        if now - self._watched < WATCH_NS:
+        at = time.monotonic()  # simulated time may stand still, or leap
+        if at - self._watched < WATCH:
             return
-        self._watched = now
+        self._watched = at
         stale = self._stream.stale(now)
         self._commander.comes_round(stale)
         self._status.stopped = self._commander.stopped
         if stale:
             self._results.none()
         for change in self._budgets.changes():
+            change.outcome.add_done_callback(self._moved)
             self._stream.queue.put(change)
-        at = time.monotonic()
         if self._ends is not None and at >= self._ends:
             self._ends = None
             self._stream.end_soon()
@@ -277,6 +290,11 @@ class _Live:
                 if kind not in self._troubled:
                     self._troubled.add(kind)
                     self._results.event("warning", f"{topic}: {text}")
+
+    def _moved(self, outcome: "Future[str]") -> None:
+        """Report why a generator that was too slow could not be moved."""
+        if (error := outcome.exception()) is not None:
+            self._results.event("warning", str(error))
 
     def _stops(self, text: str) -> None:
         """Take note that commands become zero, or go on; also from the thread of the watchdog."""
@@ -302,7 +320,7 @@ class _Live:
     def _rematched(self, stream: LiveStream) -> Mapping[str, Sequence[str]]:
         """What is listened to, now that topics came or went."""
         try:
-            part, _ = matched(self._setting, stream, WHOLE, None, watched=False)
+            part, _ = matched(self._setting, stream, generators=self._session.inputs.generators)
         except ContactFusionError as error:
             self._results.event("error", str(error))
             return stream.sensors
@@ -357,11 +375,15 @@ def _result(outcome: "Future[str]") -> str:
     """What came of something that the loop does.
 
     Raises:
-        ContactFusionError: it could not be done, or the loop has no time.
+        ContactFusionError: it could not be done, or the loop has no time; then it won't be done.
     """
     try:
         return outcome.result(PATIENCE)
     except TimeoutError:
+        if not outcome.cancel():  # the loop is at it
+            raise ConfigurationError(
+                f"it takes longer than {PATIENCE:g} s; an event will report it"
+            ) from None
         raise ConfigurationError(f"the loop has no time for it within {PATIENCE:g} s") from None
 
 

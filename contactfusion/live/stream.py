@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, final
 
+from contactfusion.assembly import AnyGenerator
 from contactfusion.changes import Change
 from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.hypotheses import HypothesisKind
@@ -34,7 +35,7 @@ from contactfusion.recordings.recording import (
 from contactfusion.recordings.ros.contents import streams_of, topics_of
 from contactfusion.recordings.ros.delivery import CHANGES, CYCLES, Delivery, answers
 from contactfusion.recordings.ros.order import TopicState, TopicTally
-from contactfusion.recordings.ros.topics import Topic, last, listeners
+from contactfusion.recordings.ros.topics import Camera, Topic, last, listeners
 from contactfusion.stream import LONGEST_STEP_BACK, Arrival, Trouble
 from contactfusion.time import NANOSECONDS_PER_SECOND, to_nanoseconds
 
@@ -190,7 +191,7 @@ class LiveStream(Recording):
                 for sensor, topics in self.sensors.items()
             }
             self.sensors = {
-                sensor: [*found.get(sensor, ()), *gone.get(sensor, ())]
+                sensor: [*dict.fromkeys((*found.get(sensor, ()), *gone.get(sensor, ())))]
                 for sensor in {**found, **gone}
             }
             self.listen()
@@ -224,8 +225,9 @@ class LiveStream(Recording):
                         triggered += 1
                 self._record_answers()
             elif isinstance(what, Change):
-                self._mark(CHANGES, message("std_msgs/String", data=what.text))
-                yield Arrival(None, (), changes=(what,))
+                if what.outcome.set_running_or_notify_cancel():  # who asked still waits
+                    self._mark(CHANGES, message("std_msgs/String", data=what.text))
+                    yield Arrival(None, (), changes=(what,))
             elif callable(what):
                 what()
             now = self._time()
@@ -238,7 +240,8 @@ class LiveStream(Recording):
             else:
                 due = self._pipeline.integrator.ready(self._delivery.seconds(now))
                 missed = 0
-            if due or self._delivery.overdue(now):
+            # without a period, what has waited for long enough might never be refused
+            if due or (every is None and self._delivery.overdue(now)):
                 if missed and due:
                     self._overrun(missed)
                 triggered = 0
@@ -253,7 +256,8 @@ class LiveStream(Recording):
     def stale(self, now: int) -> str:
         """Why what the pipeline believes is not fresh, as a clause; empty where it is.
 
-        What can't be used keeps nothing fresh: damaged messages, NaN, stamps of another clock.
+        What can't be used keeps nothing fresh: damaged messages, NaN, stamps of another clock,
+        readings of which all that is detected lacks a transform.
 
         Args:
             now: [ns since 1970].
@@ -305,19 +309,23 @@ class LiveStream(Recording):
         for topic, listener in found.items():
             before = self.states.get(topic)
             quality = Quality(self._reliable[topic], last(topic) == STATIC)
+            msgtype = self.contents[topic].msgtype
             # a reader that asks for reliability hears no writer that came back without
-            if before is not None and self._asked[topic].reliable > quality.reliable:
+            if before is not None and (
+                self._asked[topic].reliable > quality.reliable or self._types[topic] != msgtype
+            ):
                 self._transport.ignore(topic)
                 del self.states[topic]
             if topic not in self.states:
-                msgtype = self._types[topic] = self.contents[topic].msgtype
-                self._asked[topic] = quality
+                self._types[topic], self._asked[topic] = msgtype, quality
                 take = functools.partial(self.queue.packet, topic)
                 try:
                     self._transport.listen(topic, msgtype, quality, take)
                 except RecordingError as error:
                     self.unread[topic] = str(error)
                     continue
+            if before and isinstance(listener, Camera) and isinstance(before.listener, Camera):
+                listener.beside = before.listener.beside  # camera_info may have come only once
             tally = before.tally if before else TopicTally()
             self.states[topic] = TopicState(topic, listener, tally, {})
 
@@ -360,8 +368,12 @@ class LiveStream(Recording):
         for reading in self._delivery.of(state, sent, logged):
             ages.append(self._delivery.seconds(arrived) - reading.stamp)
             yield reading
-        # what can't be used, or is of another clock, is no sign of life
-        if tally.refused + tally.unreadable == useless and min(ages, default=0.0) <= OLD:
+        # what can't be used or placed, or is of another clock, is no sign of life
+        if (
+            tally.refused + tally.unreadable == useless
+            and min(ages, default=0.0) <= OLD
+            and not self._is_unplaced(packet.topic)
+        ):
             self.arrived[packet.topic] = arrived
 
     def _step(self) -> Iterator[Arrival]:
@@ -411,17 +423,39 @@ class LiveStream(Recording):
             kind = known.listener.kind
             if kind is None:
                 continue
-            sensor = next((s for s, names in self.sensors.items() if topic in names), "")
-            if any(
-                takes(generator, sensor, kind)
-                and HypothesisKind.REGULAR in generator.sources.values()
-                and kind not in (JointState, Odometry, Transform)
-                for generator in self._pipeline.generators.values()
-            ):
+            if self._detectors(topic):
                 evidence.append(topic)
-            elif issubclass(kind, JointState | Odometry) and self._pipeline.listens(sensor, kind):
-                state.append(topic)
+            if issubclass(kind, JointState | Odometry):
+                if self._pipeline.listens(self._sensor(topic), kind):
+                    state.append(topic)
         return evidence, state
+
+    def _sensor(self, topic: str) -> str:
+        """The name of the sensor of a topic; empty where none is."""
+        return next((sensor for sensor, names in self.sensors.items() if topic in names), "")
+
+    def _detectors(self, topic: str) -> list[AnyGenerator]:
+        """The generators that detect contacts by a topic.
+
+        Joints are a sensor of contacts for an arm without skin, what places the robot never is.
+        """
+        kind, sensor = self.states[topic].listener.kind, self._sensor(topic)
+        if kind is None or issubclass(kind, Odometry | Transform):
+            return []
+        return [
+            generator
+            for generator in self._pipeline.generators.values()
+            if takes(generator, sensor, kind)
+            and HypothesisKind.REGULAR in generator.sources.values()
+        ]
+
+    def _is_unplaced(self, topic: str) -> bool:
+        """Whether no transform places what any generator detects by a topic of a sensor."""
+        if self.states[topic].listener.kind is JointState:  # which are the robot's state, too
+            return False
+        detectors = self._detectors(topic)
+        lost = self._pipeline.lost
+        return bool(detectors) and all(each.name in lost for each in detectors)
 
 
 def _is_named(reading: Reading, on: str | None, codec: "Codec[Reading] | None") -> bool:

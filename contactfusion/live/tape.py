@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import final
 
-from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.errors import ConfigurationError
 from contactfusion.files import make_folder
 from contactfusion.loop import Observer
 from contactfusion.pipeline import Step
@@ -98,7 +98,7 @@ class Tape:
         if self._output is not None and self._output.failure is None:
             try:
                 self._output.step(step)
-            except Exception as error:  # a full disk ends the recording, not the robot
+            except Exception as error:
                 self._output.failure = error
             self._watch()
 
@@ -113,5 +113,5 @@ class Tape:
         if self._output is not None and self._output.failure is not None:
             try:
                 self.stop()
-            except (ContactFusionError, OSError) as error:
+            except Exception as error:  # a full disk ends the recording, not the robot
                 self._note(f"the recording ended: {error}")

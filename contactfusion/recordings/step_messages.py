@@ -99,7 +99,7 @@ def is_drawn(fusion: Fusion) -> NDArray[np.bool_]:
     return drawn
 
 
-def voxel_cloud(fusion: Fusion, top: Message) -> Message:
+def voxel_cloud(fusion: Fusion | None, top: Message) -> Message:
     """Sensor_msgs/PointCloud2 of all voxels with evidence, for viewers.
 
     What is only predicted, or only ruled out, is left out: the robot's motion and a healthy skin
@@ -107,15 +107,10 @@ def voxel_cloud(fusion: Fusion, top: Message) -> Message:
     `verdict` as uint8: 1 below the threshold, 2 contact, 3 nulled.
 
     Args:
-        fusion: of one step.
+        fusion: of one step; None: there are no voxels.
         top: the header, in the frame of the space.
     """
-    entries, verdicts = fusion.field.entries, fusion.verdict_codes
-    rows = np.flatnonzero(is_drawn(fusion))
-    points = np.zeros(len(rows), VOXEL)
-    points["place"] = entries.grid.centres(unpack(entries.keys[rows]))
-    points["likelihood"] = fusion.field.likelihoods[rows]
-    points["verdict"] = verdicts[rows]
+    points = np.zeros(0, VOXEL) if fusion is None else _voxels(fusion)
     names = [*"xyz", "likelihood", "verdict"]
     kinds = [*[FLOAT32] * 4, UINT8]
     fields = [
@@ -134,6 +129,15 @@ def voxel_cloud(fusion: Fusion, top: Message) -> Message:
         data=points.view(np.uint8),
         is_dense=True,
     )
+
+
+def _voxels(fusion: Fusion) -> NDArray[np.void]:
+    entries, rows = fusion.field.entries, np.flatnonzero(is_drawn(fusion))
+    points = np.zeros(len(rows), VOXEL)
+    points["place"] = entries.grid.centres(unpack(entries.keys[rows]))
+    points["likelihood"] = fusion.field.likelihoods[rows]
+    points["verdict"] = fusion.verdict_codes[rows]
+    return points
 
 
 def _contact(contact: Contact, epoch_ns: int) -> Message:

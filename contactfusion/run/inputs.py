@@ -48,8 +48,9 @@ def find_inputs(
 
     A generator's role is its `sensor`, or its own name when it has none. It takes the topic that
     is chosen for its role, or else the topic called like its sensor, or else the only one of its
-    kinds. Of context, such as joints and poses of objects, all topics are read; of what one topic
-    alone may report, one is: of odometry, and of twists where a generator takes them.
+    kinds that is not another's of its type by name. Of context, such as joints and poses of
+    objects, all topics are read; of what one topic alone may report, one is: of odometry, and of
+    twists where a generator takes them.
 
     Args:
         topics: the kind of reading of each topic.
@@ -67,6 +68,8 @@ def find_inputs(
     chosen = {role: topic.removeprefix("/") for role, topic in chosen.items()}
     finding = _Finding(topics, chosen, ignored, holder, on)
     wanted = {name: _kinds(options) for name, options in generators.items()}
+    for name, options in generators.items():
+        finding.reserve(name, options)
     fed = {
         name: finding.feed(name, dict(options), wanted[name])
         for name, options in generators.items()
@@ -118,6 +121,17 @@ class _Finding:
         """The name of the sensor of each topic that is read."""
         self.missing: list[str] = []
         self.taken: list[str] = []
+        self._reserved: dict[tuple[str, str], str] = {}
+        """Generators by type and by the topic that is theirs by name."""
+
+    def reserve(self, name: str, options: Mapping[str, Any]) -> None:
+        """Keep the topic that is a generator's by name, or chosen, from others of its type.
+
+        Of two force-torque sensors one would count twice where the other is missing.
+        """
+        role = _role(name, options)
+        for topic in (self.chosen[role],) if role in self.chosen else _names(role):
+            self._reserved.setdefault((str(options["type"]), topic), name)
 
     def feed(self, name: str, options: dict[str, Any], kinds: Kinds) -> dict[str, Any]:
         """The options of a generator with its sensor."""
@@ -125,10 +139,10 @@ class _Finding:
         role = _role(name, options)
         if sensor is None and not any(map(_is_of_one_sensor, kinds)) and role not in self.chosen:
             return options  # it takes all context there is
-        topic = self._topic(role, kinds)
+        topic = self._topic(role, kinds, str(options["type"]))
         if topic is None:
-            self.missing.append(f"generators.{name}: {self._absence(kinds)}")
-            return options
+            self.missing.append(f"generators.{name}: {self._absence(role, kinds, options)}")
+            return {**options, "sensor": role}  # it takes no other's
         if sensor and role not in self.chosen and topic not in _names(role):
             self.taken.append(
                 f"generators.{name}: no topic is called '{sensor}', so /{topic} feeds it, the only "
@@ -145,7 +159,13 @@ class _Finding:
             )
         return {**options, "sensor": sensor}
 
-    def _absence(self, kinds: Kinds) -> str:
+    def _absence(self, role: str, kinds: Kinds, options: Mapping[str, Any]) -> str:
+        if others := [
+            f"/{topic} is that of '{self._reserved[key]}'"
+            for topic in self._of(kinds)
+            if (key := (str(options["type"]), topic)) in self._reserved
+        ]:
+            return f"no topic is called '{role}', and {', '.join(others)}"
         left_out = ", ".join(
             f"/{topic}" for topic, kind in self.ignored.items() if issubclass(kind, kinds)
         )
@@ -157,7 +177,7 @@ class _Finding:
         """Read the state of robot and world."""
         for role, codec in _alone().items():
             if role in self.chosen or codec.kind in wanted or codec.role is Role.CONTEXT:
-                topic = self._topic(role, (codec.kind,))
+                topic = self._topic(role, (codec.kind,), "")
                 if topic is not None:
                     self.sensors.setdefault(topic, topic)
         self._read(topic for topic, kind in self.topics.items() if _is_context(kind))
@@ -188,13 +208,13 @@ class _Finding:
                 hint = name_hint(role, roles, "roles")
                 raise ConfigurationError(f"--topic: unknown role '{role}'; {hint}")
 
-    def _topic(self, role: str, kinds: Kinds) -> str | None:
+    def _topic(self, role: str, kinds: Kinds, taker: str) -> str | None:
         if role in self.chosen:
             return self._as_chosen(role, kinds)
         for name in _names(role):
             if issubclass(self.topics.get(name, Reading), kinds):
                 return name
-        fit = list(self._of(kinds))
+        fit = [topic for topic in self._of(kinds) if (taker, topic) not in self._reserved]
         if len(fit) > 1:
             listing = ", ".join(f"/{topic}" for topic in fit)
             raise ConfigurationError(

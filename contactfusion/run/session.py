@@ -148,9 +148,26 @@ def _opened(setting: Setting, recording: Path | None) -> Stream:
 
 
 def matched(
-    setting: Setting, whole: Stream, window: Window, tap: Tap | None, watched: bool
+    setting: Setting,
+    whole: Stream,
+    window: Window = WHOLE,
+    tap: Tap | None = None,
+    watched: bool = False,
+    generators: Mapping[str, dict[str, Any]] | None = None,
 ) -> tuple[Stream, Inputs]:
-    """What is played of a stream, and what it feeds; of a scene, all to all that listen."""
+    """What is played of a stream, and what it feeds; of a scene, all to all that listen.
+
+    Args:
+        setting: the configuration, and which topics are chosen.
+        whole: the stream.
+        window: the part of a recording that is played.
+        tap: takes every message of a recording of ROS as it is.
+        watched: whether to play what no generator listens to, too.
+        generators: options of those that run, with their sensors; None: those of the setting.
+
+    Raises:
+        ContactFusionError: topics and generators can't be matched.
+    """
     if not isinstance(whole, Recording):
         if window != WHOLE or setting.topics or setting.ignored:
             raise ConfigurationError(
@@ -163,13 +180,23 @@ def matched(
         whole = whole.without([topic.removeprefix("/") for topic in setting.ignored])
     streams = whole.streams
     names = {topic: name for name, stream in streams.items() for topic in stream.topics}
-    roles = {role: names.get(topic, topic) for role, topic in setting.topics.items()}
     kinds = {name: stream.kind for name, stream in streams.items()}
     ignored = {name: kind for name, kind in held.items() if name not in kinds}
     config = setting.config()
+    running = generators or {}
+    roles = {
+        running.get(role, {}).get("sensor") or role: names.get(topic, topic)
+        for role, topic in setting.topics.items()
+    }
     try:
         inputs = find_inputs(
-            kinds, config.generators, roles, watched, ignored, config.cycle.on, whole.holder
+            kinds,
+            generators or config.generators,
+            roles,
+            watched,
+            ignored,
+            config.cycle.on,
+            whole.holder,
         )
     except PluginError as error:
         raise ConfigurationError(f"{setting.origin}: {error}") from error

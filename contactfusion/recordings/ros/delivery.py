@@ -1,5 +1,6 @@
 """Messages in the order of their arrival, as on a running robot: live, and when played again."""
 
+import shlex
 from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NamedTuple, final
@@ -144,7 +145,7 @@ def answers(pipeline: "Pipeline") -> Iterator[str]:
     for name, generator in pipeline.generators.items():
         if isinstance(generator, Isolated):
             while generator.answered:
-                yield f"answer {name} {generator.answered.popleft()}"
+                yield f"answer {shlex.quote(name)} {generator.answered.popleft()}"
 
 
 def as_recorded(pipeline: "Pipeline") -> None:
