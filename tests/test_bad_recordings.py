@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ContactFusionError, RecordingError, WritingError
-from contactfusion.readings import Reading, Wrench
+from contactfusion.readings import Reading, Transform, Wrench
 from contactfusion.recordings.messages import reading_messages, typestore
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Window
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.recordings.ros.order import LONGEST_LEAP, LONGEST_PAUSE
 from contactfusion.run.asking import Source, ablate_recording, explain_recording
-from contactfusion.run.execute import run_file
+from contactfusion.run.execute import Pace, run_file
 from tests.mcap_files import disk_of, read_by_mcap_ros2
 from tests.ros_bags import EPOCH, FORMATS, SECOND, Said, Write, ros1, text, transforms, wrench
 from tests.toys import offer_toys, point
@@ -529,8 +529,10 @@ def test_a_start_after_the_end_is_named_and_an_older_file_stays(
 ) -> None:
     path, out = write(tmp_path / "bag", drive(1.0)), tmp_path / "out.mcap"
     out.write_text("of old")
-    with pytest.raises(ContactFusionError, match="--start: .* holds nothing after 100 s"):
+    with pytest.raises(ContactFusionError, match="--start, .* holds nothing from 100 s on$"):
         run_file(config, path, window=Window(start=100.0), out=out)
+    with pytest.raises(ContactFusionError, match="--duration: .* nothing from 0 s on for 0 s$"):
+        run_file(config, path, window=Window(duration=0.0), out=out)
     assert out.read_text() == "of old"
 
 
@@ -621,3 +623,17 @@ def test_files_that_overlap_are_merged_however_many_are_open(
     whole = [repr(one) for one in open_recording(folder).readings()]
     monkeypatch.setattr("contactfusion.recordings.ros.files.MOST_OPEN", 1)
     assert [repr(one) for one in open_recording(folder).readings()] == whole
+
+
+def test_transforms_that_come_ahead_are_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    slept = list[float]()
+    monkeypatch.setattr("time.sleep", slept.append)
+    monkeypatch.setattr("time.perf_counter", lambda: 100.0)
+    pace, still = Pace(1.0), np.array([0.0, 0.0, 0.0, 1.0])
+    ahead = Transform(
+        stamp=1.0, frame="map", child_frame="base", position=np.zeros(3), orientation=still
+    )
+    for reading in (touch(0.0, 0.0, 0.0, 1.0), ahead, touch(0.1, 0.0, 0.0, 1.0)):
+        pace.wait(reading)
+    assert slept == pytest.approx([0.0, 0.1])
+    assert not list(pace.lines())

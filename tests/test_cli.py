@@ -780,3 +780,20 @@ def test_a_place_beyond_any_is_refused(folder: Path, ask: Ask) -> None:
     (folder / "run.yaml").write_text(RUN)
     sentence = one_sentence(ask("explain", "run.yaml", "--time", "0", "--at", "1e300,0,0"))
     assert sentence == "--at takes x,y,z in metres, within 1000, not '1e300,0,0'"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("view", "seen.rrd", "--save", "new.rrd"), "seen.rrd is drawn already: "),
+        (("view", "seen.rrd", "--set", "a=1"), "seen.rrd is drawn already: "),
+        (("view", *ASKED, "--web", "--screenshot", "a.png"), "--screenshot opens no browser"),
+        (("doctor", "arm.urdf", "--live"), "one of these at a time: a robot and --live"),
+        (("doctor", "--warm", "--live"), "one of these at a time: --warm and --live"),
+        (("doctor", "--domain", "3"), "--ros and --domain are for the network: add --live"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(
+    arguments: tuple[str, ...], sentence: str, ask: Ask
+) -> None:
+    assert sentence in one_sentence(ask(*arguments))

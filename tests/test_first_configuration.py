@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -131,6 +132,23 @@ def test_the_robot_that_a_bag_describes_is_taken(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "first.urdf").read_text() == arm(tmp_path).read_text()
     assert {file.name for file in out.parent.iterdir()} == {"first.yaml", "first.urdf"}
     run_file(out, bag)
+
+
+def test_a_description_that_is_damaged_is_left_out(
+    tmp_path: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pinocchio")
+    bag = mcap(tmp_path / "bags", [("/robot_description", 0, text("<robot/>")), *pressed()])
+
+    def damaged(cdr: bytes, msgtype: str) -> None:
+        raise ValueError("it ends early")
+
+    monkeypatch.setattr(
+        "contactfusion.inspect.first_configuration.typestore",
+        lambda: SimpleNamespace(deserialize_cdr=damaged),
+    )
+    write_first(bag, tmp_path / "first.yaml")
+    assert "left out: /robot_description can't be read: it ends early" in capsys.readouterr().out
 
 
 def test_a_robot_whose_meshes_are_elsewhere_is_left_out(tmp_path: Path, capsys: Printed) -> None:

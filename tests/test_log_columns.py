@@ -292,3 +292,10 @@ def test_more_joints_than_the_robot_has_are_refused(tmp_path: Path) -> None:
     path = table(tmp_path / "arm.csv", ["t", *numbered("q", count=40)])
     with pytest.raises(ConfigurationError, match=r"holds 40 joints \(q1 to q40\), and"):
         write_first(path, tmp_path / "arm.yaml", robot=Path(robot().config.urdf))
+
+
+def test_values_that_are_missing_are_null_in_json(tmp_path: Path) -> None:
+    file = tmp_path / "gaps.csv"
+    file.write_text("t,fx\n0.0,1\n0.1,\n0.2,3\n")
+    held = json.loads(as_json(inspect_table(file)), parse_constant=pytest.fail)
+    assert [column["first"] for column in held["columns"]][1] == [1.0, None, 3.0]

@@ -10,7 +10,7 @@ import pytest
 
 from contactfusion import cli
 from contactfusion.doctor import installation
-from contactfusion.errors import DependencyError, RecordingError
+from contactfusion.errors import ConfigurationError, DependencyError, RecordingError
 from contactfusion.readings import PointCloud
 from contactfusion.recordings import ouster, ouster_converter
 from contactfusion.recordings.ouster_converter import ConversionError
@@ -294,3 +294,13 @@ def test_a_file_that_is_cut_off_is_one_sentence(
     cut.write_bytes((folder / name).read_bytes()[:kept])
     with pytest.raises(RecordingError, match=told):
         ouster.convert(cut, tmp_path / "scans.mcap")
+
+
+def test_what_is_converted_is_not_replaced_and_the_output_is_an_mcap(tmp_path: Path) -> None:
+    source = tmp_path / "scan.osf"
+    source.write_bytes(b"packets")
+    with pytest.raises(ConfigurationError, match="would replace what is read, scan.osf"):
+        ouster.convert(source, source)
+    with pytest.raises(ConfigurationError, match="let it end in .mcap"):
+        ouster.convert(source, tmp_path / "scan.bag")
+    assert source.read_bytes() == b"packets"

@@ -131,8 +131,13 @@ def test_the_installed_wheel_lists_plugins_that_can_all_be_used(
 
 @pytest.mark.parametrize(
     "words",
-    [["demo"], ["experiment", "push", "--targets", "grid"], ["train", "cpm"], ["tune", "push"],
-     ["simulate", "push.yaml"]],
+    [
+        ["demo"],
+        ["experiment", "push", "--targets", "grid"],
+        ["train", "cpm"],
+        ["tune", "push"],
+        ["simulate", "push.yaml"],
+    ],
 )
 def test_without_the_laboratory_its_commands_name_what_to_install(
     words: list[str], environment: Path, tmp_path: Path

@@ -113,6 +113,11 @@ def view(
     from contactfusion.run.asking import Source
     from contactfusion.run.watching import view_recording
 
+    if recording.suffix == ".rrd" and (config or topic or ignore or set_ or save):
+        raise ConfigurationError(
+            f"{recording} is drawn already: --config, --topic, --ignore, --set and --save are for "
+            "recordings"
+        )
     source = Source(recording, config, roles(topic), set_ or [], ignore or [])
     view_recording(source, save, screenshot, at, web)
 

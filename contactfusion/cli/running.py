@@ -216,6 +216,12 @@ def doctor(
     domain: Domain = None,
 ) -> None:
     """Check the installation, a robot description or a network, and name what to repair."""
+    checks = {"a robot": robot is not None, "--ouster": ouster, "--warm": warm, "--live": live}
+    if sum(checks.values()) > 1:
+        named = " and ".join(name for name, is_given in checks.items() if is_given)
+        raise ConfigurationError(f"doctor does one of these at a time: {named}")
+    if (ros is not Ros.DDS or domain is not None) and not live:
+        raise ConfigurationError("--ros and --domain are for the network: add --live")
     if robot is not None:
         from contactfusion.doctor.robot import check_robot
 

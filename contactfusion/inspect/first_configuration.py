@@ -8,7 +8,7 @@ from typing import final
 
 import yaml
 
-from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.errors import ConfigurationError, ContactFusionError, RecordingError
 from contactfusion.files import make_folder, require_spared, write_whole
 from contactfusion.inspect.first_lines import (
     force_torque_lines,
@@ -270,10 +270,10 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
     model: RobotModel | None = None
     if robot is not None:
         urdf, model = named_from(robot, out), RobotModel(RobotConfig(urdf=str(robot)))
-    elif text := _robot_description(path, inspection):
-        urdf = out.with_suffix(".urdf").name
+    else:
         try:
-            model = _described(text, out)
+            if text := _robot_description(path, inspection):
+                urdf, model = out.with_suffix(".urdf").name, _described(text, out)
         except ContactFusionError as error:
             remarks.append(f"the robot_description is left out: {error}; name a URDF by --robot")
             text = ""
@@ -345,7 +345,11 @@ def _frame(inspection: Inspection, sensor: str) -> str:
 
 
 def _robot_description(path: Path, inspection: Inspection) -> str:
-    """The URDF in a recording of ROS; empty where there is none."""
+    """The URDF in a recording of ROS; empty where there is none.
+
+    Raises:
+        RecordingError: its message is damaged.
+    """
     names = [
         topic.name
         for topic in inspection.topics
@@ -356,7 +360,11 @@ def _robot_description(path: Path, inspection: Inspection) -> str:
     with Bag(path) as bag:
         mine = [channel for channel in bag.channels if channel.topic == names[0]]
         for channel, _, raw in bag.messages(mine):
-            message: Message = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
+            try:
+                cdr = channel.cdr(raw)
+                message: Message = typestore().deserialize_cdr(cdr, channel.msgtype)
+            except Exception as error:  # rosbags meets damage with errors of many kinds
+                raise RecordingError(f"{names[0]} can't be read: {error}") from error
             return str(message.data)
     return ""
 

@@ -1,6 +1,7 @@
 """A table of numbers without a description: its columns, and a first description of them."""
 
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -46,7 +47,7 @@ class ColumnInspection:
 
     Attributes:
         name: as the header has it, or its number from 1.
-        first: its first values.
+        first: its first values; None where there is none.
         least: the least value; None where it holds no number.
         greatest: the greatest value, likewise.
         missing: number of rows without a value.
@@ -54,7 +55,7 @@ class ColumnInspection:
     """
 
     name: Column
-    first: tuple[float, ...]
+    first: tuple[float | None, ...]
     least: float | None
     greatest: float | None
     missing: int
@@ -132,7 +133,7 @@ def inspect_table(path: Path) -> TableInspection:
 
 def as_json(table: TableInspection) -> str:
     """An inspection as JSON, the names those of its attributes."""
-    return json.dumps(asdict(table), indent=1, ensure_ascii=False, default=str)
+    return json.dumps(asdict(table), indent=1, ensure_ascii=False, allow_nan=False, default=str)
 
 
 def as_text(table: TableInspection) -> str:
@@ -236,7 +237,7 @@ def _inspected(name: Column, values: FloatArray | None, use: str) -> ColumnInspe
     if values is None:
         return ColumnInspection(name, (), None, None, 0, "no numbers")
     finite = values[np.isfinite(values)]
-    first = tuple(values.ravel()[:SHOWN].tolist())
+    first = tuple(each if math.isfinite(each) else None for each in values.ravel()[:SHOWN].tolist())
     missing = int((~np.isfinite(values)).reshape(len(values), -1).any(axis=1).sum())
     if not finite.size:
         return ColumnInspection(name, first, None, None, missing, "no value")
@@ -248,7 +249,8 @@ def _inspected(name: Column, values: FloatArray | None, use: str) -> ColumnInspe
 def _row(column: ColumnInspection) -> tuple[str, ...]:
     ends = ("-" if end is None else f"{end:.6g}" for end in (column.least, column.greatest))
     gaps = f"{column.missing} rows without a value" if column.missing else ""
-    first = ", ".join(f"{value:.6g}" for value in column.first) or "-"
+    values = ("nothing" if value is None else f"{value:.6g}" for value in column.first)
+    first = ", ".join(values) or "-"
     return (str(column.name), first, *ends, "; ".join(filter(None, (column.use, gaps))) or "-")
 
 

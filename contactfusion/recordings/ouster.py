@@ -10,8 +10,8 @@ import sysconfig
 from pathlib import Path
 
 from contactfusion.confined import LimitError, completed, ending
-from contactfusion.errors import DependencyError, RecordingError
-from contactfusion.files import make_folder, write_whole
+from contactfusion.errors import ConfigurationError, DependencyError, RecordingError
+from contactfusion.files import make_folder, require_spared, write_whole
 from contactfusion.limits import raised
 from contactfusion.terminal import note, say
 
@@ -75,9 +75,13 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
         The converter's sentence.
 
     Raises:
+        ConfigurationError: the output is no MCAP file, or would replace what is read.
         DependencyError: there is no environment.
         RecordingError: the file can't be converted.
     """
+    require_spared("OUT", out, [source, *([meta] if meta else [])])
+    if out.suffix != ".mcap":
+        raise ConfigurationError(f"'{out}' is no name for an MCAP file; let it end in .mcap")
     if not is_ready():
         raise DependencyError(
             f"Ouster files need an environment of their own; make it by: {COMMAND}"

@@ -183,7 +183,7 @@ def tune_recording(
         ContactFusionError: a field, the labels, or source is not what it should be.
     """
     from contactfusion.tune.fusion import fingerprint, tune_fusion
-    from contactfusion.tune.report import table, write_tuning
+    from contactfusion.tune.report import table, write_picture, write_tuning
 
     with closing(source.session()) as session:
         refused = refused_at_once(session.pipeline, session.readings())
@@ -210,5 +210,9 @@ def tune_recording(
         )
     paths = write_tuning(tuned, out)
     note(table(tuned), lines=True)
+    try:
+        paths.append(write_picture(tuned, out))
+    except DependencyError as error:
+        note(f"no picture is drawn: {error}")
     say(f"results: {', '.join(map(str, paths))}")
     session.complain()

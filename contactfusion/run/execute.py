@@ -12,7 +12,7 @@ from typing import final
 from contactfusion.errors import ConfigurationError, WritingError
 from contactfusion.files import write_whole
 from contactfusion.loop import Observer, together
-from contactfusion.readings import Reading
+from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.recording import WHOLE, RawMessage, Window
 from contactfusion.run.configuration import setting_of_file
 from contactfusion.run.outputs import SUMMARY, Output, folder_of, opened_outputs
@@ -96,10 +96,11 @@ def run_file(
                     raise ConfigurationError(f"{path}: {stopped}") from stopped
                 if not summary.came and stopped is not None:
                     raise stopped
-                if not summary.came and window.start:  # an older file is not replaced
+                if not summary.came and window != WHOLE:  # an older file is not replaced
+                    span = f" for {window.duration:g} s" if window.duration is not None else ""
                     raise ConfigurationError(
-                        f"--start: of what is played, {recording or path} holds nothing after "
-                        f"{window.start:g} s"
+                        f"--start, --duration: of what is played, {recording or path} holds "
+                        f"nothing from {window.start:g} s on{span}"
                     )
         except (Exception, KeyboardInterrupt) as error:
             if not summary.came or (isinstance(stopped, ConfigurationError) and not summary.steps):
@@ -156,7 +157,7 @@ class Pace:
 
     def wait(self, reading: Reading) -> None:
         """Wait until a reading is due."""
-        if self._rate is None:
+        if self._rate is None or isinstance(reading, Transform):  # transforms come ahead
             return
         due, now = reading.stamp / self._rate, time.perf_counter()
         self._began = now - due if self._began is None else self._began

@@ -5,7 +5,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.files import require_spared
 from contactfusion.loop import Observer
 from contactfusion.run.asking import Source
@@ -54,6 +54,8 @@ def view_recording(
     """
     if at is not None and screenshot is None:
         raise ConfigurationError("--at is the time of a picture: name its file with --screenshot")
+    if web and screenshot is not None:
+        raise ConfigurationError("--screenshot opens no browser: leave --web out")
     read = [source.recording] if source.recording.suffix == DRAWN else source.files()
     for option, path in (("--save", save), ("--screenshot", screenshot)):
         if path is not None:
@@ -96,5 +98,10 @@ def shown(name: str) -> Iterator[Watch]:
     show.require_screen()
     with TemporaryDirectory() as folder:
         rrd = Path(folder) / f"{name}{DRAWN}"
-        yield lambda session: drawing(session, rrd)
+        try:
+            yield lambda session: drawing(session, rrd)
+        except ContactFusionError:
+            if rrd.exists():  # what came before it can be looked at
+                show.show(rrd)
+            raise
         show.show(rrd)

@@ -308,7 +308,12 @@ def _requested(holders: dict[str, Model], text: str) -> Varied:
     values = [_value(word, text) for word in listing.split(",")]
     for value in values:
         _require_valid(holders, path, value)
-    every = list(dict.fromkeys([*values, configured]))
+    try:
+        every = list(dict.fromkeys([*values, configured]))
+    except TypeError:
+        raise ConfigurationError(
+            f"'{text}': {path} holds several fields; vary one of them"
+        ) from None
     if all(isinstance(value, int | float) for value in every):
         every.sort()
     return Varied(path, configured, tuple(every))

@@ -100,19 +100,22 @@ def as_json(tuned: Tuned) -> str:
 
 
 def write_tuning(tuned: Tuned, out: Path) -> list[Path]:
-    """Write tuning.csv, tuning.json and tuning.png; their paths.
+    """Write tuning.csv and tuning.json; their paths."""
+    contents = {"tuning.csv": as_csv(tuned), "tuning.json": as_json(tuned)}
+    for name, content in contents.items():
+        write_whole(out / name, content)
+    return [out / name for name in contents]
+
+
+def write_picture(tuned: Tuned, out: Path) -> Path:
+    """Write tuning.png; its path.
 
     Raises:
         DependencyError: matplotlib is not installed.
     """
-    contents: dict[str, str | bytes] = {
-        "tuning.csv": as_csv(tuned),
-        "tuning.json": as_json(tuned),
-        "tuning.png": picture(tuned),
-    }
-    for name, content in contents.items():
-        write_whole(out / name, content)
-    return [out / name for name in contents]
+    path = out / "tuning.png"
+    write_whole(path, picture(tuned))
+    return path
 
 
 def _row(tuned: Tuned, trial: Trial, number: int, half: Half) -> dict[str, Any]:
