@@ -77,8 +77,11 @@ def built_controller(config: PipelineConfig) -> Controller | None:
     refuse(kind, cls, class_fault(cls, Controller, Model))
     options = configured(kind, cls, given, "controller")
     own = _own(options, "controller", config.folder, config.files_within)
-    with Guard(f"controller: the plug-in '{kind}'", cls):
-        return cls(own)
+    try:
+        with Guard(f"controller: the plug-in '{kind}'", cls):
+            return cls(own)
+    except ConfigurationError as error:
+        raise error.under("controller") from None
 
 
 def built_integrator(config: PipelineConfig) -> Integrator:

@@ -134,8 +134,10 @@ class _Checking:
                 stream = stream_of(config)
             if is_scene:
                 self._sources.append(f"scene: {setting.fields['scene'].get('type')}")
+                stream.close()
             elif self.faults:
-                self.faults += self._unheard(stream.topics)
+                with closing(stream):
+                    self.faults += self._unheard(stream.topics)
             else:
                 self._match(setting, stream)
 

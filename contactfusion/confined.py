@@ -132,6 +132,8 @@ def _limit(seconds: float, memory: int) -> None:
         (resource.RLIMIT_CPU, max(1, round(seconds))),
         (resource.RLIMIT_CORE, 0),
     ):
+        _, hard = resource.getrlimit(kind)
+        limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
         resource.setrlimit(kind, (limit, limit))
 
 

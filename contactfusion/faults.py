@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, final
 import numpy as np
 from pydantic import BeforeValidator, Field, NonNegativeInt, model_validator
 
-from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.errors import ConfigurationError, InvalidReadingError, name_hint
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
 from contactfusion.readings import Reading, Transform
@@ -392,6 +392,10 @@ class Faults:
                 changed = fault.act(reading, held, self._generator(key))
         except ConfigurationError as error:
             raise error.under(f"faults.{number}") from None
+        except InvalidReadingError as error:
+            raise ConfigurationError(
+                f"what it makes is no reading: {error}", f"faults.{number}"
+            ) from None
         if changed is None or not fault.late:
             return changed
         due = to_nanoseconds(reading.stamp) + to_nanoseconds(fault.late)
@@ -444,6 +448,8 @@ def unmet(
     """
     types = {kind for _, kind in received}
     for row, fault in enumerate(faults):
+        if fault.sensor is None:
+            continue
         if not any(fault.meets(sensor, kind) for sensor, kind in received):
             known = {sensor for sensor, _ in received if sensor}
             known |= installed_kinds().among(types)

@@ -18,6 +18,11 @@ VERDICT_STYLES = {
 """The marker and the colour of voxels, by verdict."""
 
 
+def plain(text: str) -> str:
+    """A text that matplotlib draws as it is: a name may hold a `$`."""
+    return text.replace("$", r"\$")
+
+
 def new_figure(width: float, height: float) -> "Figure":
     """An empty figure, drawn without a screen.
 

@@ -43,16 +43,16 @@ SHIPPED: Final = Path(__file__).resolve().parent
 BROKEN = (
     EOFError,
     MemoryError,
-    NotImplementedError,
     OSError,
-    RecursionError,
+    RuntimeError,
     TypeError,
     ValueError,
     lzma.LZMAError,
     zipfile.BadZipFile,
     zlib.error,
 )
-"""Exceptions of numpy and zipfile for files of other formats, or of unknown compression."""
+"""Exceptions of numpy and zipfile for files of other formats, encrypted, or of unknown compression.
+"""
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:

@@ -183,8 +183,11 @@ class Pipeline:
             generator.scripted = self.scripted
         elif self._robot.model is not None:
             prepared = f"generators.{name}: `prepare` of the plug-in '{options['type']}'"
-            with Guard(prepared, type(generator)):
-                generator.prepare(self._robot.model)
+            try:
+                with Guard(prepared, type(generator)):
+                    generator.prepare(self._robot.model)
+            except ConfigurationError as error:
+                raise error.under(f"generators.{name}") from None
         for source, kind in sources.items():
             self.integrator.plug(
                 source,

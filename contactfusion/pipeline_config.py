@@ -87,12 +87,16 @@ class IdentifiedConfig(Model):
                 raise ConfigurationError(
                     f"there is no such generator; {hint}", f"generators.{name}"
                 )
-        changed = {
-            name: {**options, **self.generators.get(name, {})}
-            for name, options in generators.items()
-        }
+        if self.generators:
+            changed = {
+                name: {**options, **self.generators.get(name, {})}
+                if isinstance(options, Mapping)
+                else options
+                for name, options in generators.items()
+            }
+            fields = {**fields, "generators": changed}
         if self.robot == IdentifiedRobot():
-            return {**fields, "generators": changed}
+            return dict(fields)
         if not isinstance(robot, RobotConfig):
             raise ConfigurationError("the configuration has no robot", "robot")
         update: dict[str, Any] = {
@@ -159,6 +163,10 @@ class PipelineConfig(Model):
         try:
             fields = with_identified(fields, folder, within)
             if (found := fields.get("identified")) is not None:
+                if not isinstance(found, IdentifiedConfig | Mapping):
+                    raise ConfigurationError(
+                        f"takes a file, or fields such as `robot`, not {found!r}"
+                    )
                 if not isinstance(found, IdentifiedConfig):
                     found = IdentifiedConfig(**found)
                 fields = found.over(fields)

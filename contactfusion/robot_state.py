@@ -60,7 +60,7 @@ class Robot:
         self._states = StateBuffer()
         self._transforms = TransformBuffer()
         self._known: State | None = None
-        self._stray = ""
+        self._stray = self._left_out = ""
         self._placed_at = functools.lru_cache(STAMPS)(self._places)
         """Joints, base pose and frames at a stamp, until the next reading of the robot."""
         self._frames = self._fixed
@@ -113,6 +113,8 @@ class Robot:
         """Forget all readings."""
         self._states.clear()
         self._transforms.clear()
+        self._stray = self._left_out = ""
+        self._frames = self._fixed
         self._forget()
 
     def state(self, stamp: float, fusion: Fusion | None, lag: float = 0.0) -> State:
@@ -162,13 +164,16 @@ class Robot:
     def _places(
         self, stamp: float, lag: float
     ) -> tuple[JointState | None, BasePose | None, FrameTree]:
-        frames, joints = self._fixed, self._states.joints(stamp)
+        frames, joints, self._left_out = self._fixed, self._states.joints(stamp), ""
         if transforms := self._transforms.at(stamp, lag):
             frames = frames.under(transforms)
         base = self._states.base_pose(stamp)
         if base:
             parent, child, pose = base
-            frames = frames.extended({child: (parent, pose)})
+            try:
+                frames = frames.extended({child: (parent, pose)})
+            except FrameError as error:  # the configuration places the parent on the base
+                base, self._left_out = None, f"the odometry of '{child}' is left out: {error}"
         if self.model is not None:
             positions, unknown = self.model.known_positions(joints)
             frames = frames.extended(self.model.frames_at(positions, unknown))
@@ -176,7 +181,7 @@ class Robot:
 
     def _at(self, stamp: float, lag: float) -> State:
         joints, base, frames = self._placed_at(stamp, lag)
-        robot, surface, unplaced = None, None, ""
+        robot, surface, unplaced = None, None, self._left_out
         try:
             if self.model is not None:
                 robot = self._posed(self.model, self.model.positions(joints), frames)

@@ -38,7 +38,7 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
         content = _parsed(path.read_text(encoding="utf-8"))
     except yaml.MarkedYAMLError as error:
         raise ConfigurationError(f"{path}{_position(error)}: {_problem(error)}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # such as of an escape \UFFFFFFFF
         raise ConfigurationError(f"{path} is no YAML text: {_one_line(error)}") from None
     except OSError as error:
         raise ConfigurationError(f"{path} can't be read: {error.strerror}") from None
@@ -62,6 +62,8 @@ def yaml_value(text: str, whole: str) -> Any:
         return _parsed(text)
     except yaml.YAMLError as error:
         raise ConfigurationError(f"the value of '{whole}': {_problem(error)}") from None
+    except (ValueError, OverflowError) as error:  # as above
+        raise ConfigurationError(f"the value of '{whole}' is no YAML: {_one_line(error)}") from None
 
 
 def require_shallow(value: Any) -> None:

@@ -116,6 +116,7 @@ class ObjectPushing(PushingController[ConfigT]):
 
     def reset(self) -> None:
         """Drop the object."""
+        super().reset()
         self._contact: Point | None = None
         self._object: Point = (0.0, 0.0)
         self._arrived: Decision | None = None

@@ -68,8 +68,11 @@ class PushingController(Controller, Generic[ConfigT]):
     def __init__(self, config: ConfigT) -> None:
         super().__init__(config)
         self.options = config
-        self._waits_since = math.inf
         self.reset()
+
+    def reset(self) -> None:
+        """Drop all state of earlier steps."""
+        self._waits_since = math.inf
 
     @abstractmethod
     def decide(

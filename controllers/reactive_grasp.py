@@ -92,11 +92,11 @@ def _sensed(
         if name not in joints.names:
             hint = name_hint(name, joints.names, "joints")
             raise ConfigurationError(f"unknown joint '{name}': {hint}", f"gripper.{name}")
-    if joints.velocities is None:
+    rows = [joints.names.index(name) for name in options.gripper]
+    if joints.velocities is None or np.isnan(joints.velocities[rows]).any():
         raise ConfigurationError(
             "the joints report no velocities, which show whether the fingers are at rest", "gripper"
         )
-    rows = [joints.names.index(name) for name in options.gripper]
     opened, closed = np.array(list(options.gripper.values())).T
     tool = state.frames.pose(state.grid.frame, of=options.tool)
     return Sense(

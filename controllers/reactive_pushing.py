@@ -62,6 +62,7 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
 
     def reset(self) -> None:
         """Drop the contact and all progress."""
+        super().reset()
         self._arrived: Decision | None = None
         self._lateral = 0.0
         self._touched: float | None = None

@@ -168,6 +168,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if self.config.average:
             resultant = self._resultant(wrench, reading, state)
         said = (Note.REVERSED,) if self._is_reversed else ()
+        self._is_reversed = False  # it is reported once
         if np.linalg.norm(force) < self.least_force:
             self._was_free = True
             return (self.nothing(reading, notes=said),)
@@ -315,7 +316,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 compensation = self._weighed(compensation, reading, state, pose)
         wrench = wrench - compensation.contactless(gravity)
         weight = compensation.mass * gravity
-        self._is_reversed = self._weight.suspects(reading.stamp, weight, wrench[:3])
+        self._is_reversed |= self._weight.suspects(reading.stamp, weight, wrench[:3])
         if self._bias is None:
             self._bias = self._tared(reading.stamp, wrench, touched=bool(state.contacts))
             if self._bias is None:

@@ -156,7 +156,8 @@ class ContactNetworks:
         """The contact at the end of a window: location and probabilities of its kinds.
 
         Args:
-            window: shape (20, 12) [m], proximity lengths, the newest last.
+            window: proximity lengths, the newest last, of the card's window and columns, as
+                (20, 12) [m].
 
         Raises:
             InvalidReadingError: the window has another shape, or a length is not finite.

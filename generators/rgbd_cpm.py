@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import Guard
+from contactfusion.errors import ConfigurationError, Guard
 from contactfusion.frames import points_in
 from contactfusion.generator import Generator
 from contactfusion.generators.networks import LearnedConfig, LearnedFace
@@ -57,7 +57,10 @@ class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
     def __init__(self, name: str, config: RgbdCpmConfig) -> None:
         super().__init__(name, config)
         loaded_opencv()
-        self._segmenter = built_segmenter(config.segmenter)
+        try:
+            self._segmenter = built_segmenter(config.segmenter)
+        except ConfigurationError as error:
+            raise error.under("segmenter") from None
         self._body = OwnBody(config.body) if config.body else None
         self._lengths = {
             "edge": self.proximity.lengths_of_edges,

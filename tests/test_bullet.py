@@ -10,6 +10,7 @@ import pytest
 from contactfusion.errors import DependencyError
 from contactfusion.frames import pose_at
 from contactfusion.robots.bullet import BulletWorld
+from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.urdf import Mesh
 from contactfusion.shapes import ShapeConfig
@@ -147,3 +148,24 @@ def test_without_pybullet_it_says_what_to_install(
     monkeypatch.setitem(sys.modules, "pybullet", None)
     with pytest.raises(DependencyError, match=r"pip install 'contactfusion\[sim\]'"):
         BulletWorld(hand)
+
+
+def test_what_pybullet_prints_of_a_link_without_mass_is_kept_from_stdout(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    BulletWorld(slide(tmp_path))
+    assert capfd.readouterr().out == ""
+
+
+def test_files_of_visual_shapes_are_left_alone_unless_they_are_wanted(tmp_path: Path) -> None:
+    urdf = slide(tmp_path).urdf.path
+    (tmp_path / "seen.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    visual = '<visual><geometry><mesh filename="seen.obj"/></geometry></visual>'
+    urdf.write_text(urdf.read_text().replace('<link name="hand">', f'<link name="hand">{visual}'))
+    model = RobotModel(RobotConfig(urdf=str(urdf)))
+    seen = [
+        [shape[4] for shape in world.bullet.getVisualShapeData(world.robot, **world.client)]
+        for world in (BulletWorld(model), BulletWorld(model, visual=True))
+    ]
+    assert not any(name.endswith(b"seen.obj") for name in seen[0])
+    assert any(name.endswith(b"seen.obj") for name in seen[1])

@@ -96,3 +96,17 @@ def test_an_interrupt_ends_the_caller_and_what_it_waits_for() -> None:
         start = time.monotonic()
         assert caller.wait(timeout=10.0) != 0
         assert time.monotonic() - start < 5.0
+
+
+def test_a_limit_of_the_caller_that_is_lower_stays() -> None:
+    script = (
+        "import resource\nfrom contactfusion.confined import confined\n"
+        "from tests.test_confined import doubled\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (2**33, 2**33))\n"
+        "print(confined(doubled, 21, memory=2**40))\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=environment
+    )
+    assert done.stdout == "42\n", done.stderr

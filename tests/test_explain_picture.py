@@ -31,6 +31,7 @@ CASES: dict[str, tuple[list[Round], Sequence[float] | None, dict[str, Any]]] = {
         None,
         {"rule": "sets"},
     ),
+    "dollar": ([(0.0, [cloud("a$\\frac$", 0.0, ROW), cloud("b$_", 0.0, {THERE: 0.5})])], None, {}),
     "nothing": ([(0.0, [])], None, {}),
 }
 

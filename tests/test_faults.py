@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from contactfusion import Pipeline, PipelineConfig, Reading, Step
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.faults import FAULTS, Fault, Faults, read_faults
+from contactfusion.faults import FAULTS, Bias, Fault, Faults, Silent, read_faults, unmet
 from contactfusion.frames import pose_at
 from contactfusion.readings import (
     BUILT_IN,
@@ -57,7 +57,7 @@ VALUES: dict[str, dict[str, Any]] = {
     "joint_command": {"names": ("a", "b"), "positions": [1.0, 2.0]},
     "twist": {"linear": [1.0, 0.0, 0.0], "angular": [0.0, 0.0, 2.0]},
     "odometry": {
-        "child_frame": "base",
+        "child_frame": "wheels",
         "position": [1.0, 2.0, 3.0],
         "orientation": QUARTER,
         "linear": [1.0, 0.0, 0.0],
@@ -1073,3 +1073,15 @@ def test_a_fault_that_makes_no_sense_stops_the_pipeline(monkeypatch: pytest.Monk
     pipe = pipeline({"fault": "calibration", "mm": [1.0, 0.0, 0.0]})
     with pytest.raises(ConfigurationError, match=r"faults\.0\.fault: .* Switch of 'bumper', which"):
         list(pipe.run([Switch(stamp=0.0, frame="base", sensor="bumper", closed=True)]))
+
+
+def test_a_fault_that_leaves_no_reading_names_itself() -> None:
+    fault = Bias(sensor="skin", amount=(1e31,))
+    reading = TactileImage(stamp=0.0, frame="base", sensor="skin", values=np.zeros(1))
+    with pytest.raises(ConfigurationError, match=r"^faults\.0: what it makes is no reading: "):
+        Faults([fault]).apply(reading)
+
+
+def test_a_fault_of_every_sensor_misses_none_where_nothing_came() -> None:
+    assert list(unmet([Silent()], ())) == []
+    assert len(list(unmet([Silent(sensor="skin")], ()))) == 1

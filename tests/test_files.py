@@ -217,3 +217,14 @@ def test_what_links_lead_to_is_not_taken_for_an_unfinished_recording(tmp_path: P
     write_whole(folder / "o.txt", "whole")
     assert not [*folder.glob("*.cut.mcap")]
     assert (other / "x.mcap").read_text() == "hello"
+
+
+def test_arrays_that_are_encrypted_are_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, a=np.zeros(3))
+    content = bytearray(path.read_bytes())
+    content[6] |= 1
+    content[content.index(b"PK\x01\x02") + 8] |= 1
+    path.write_bytes(bytes(content))
+    with pytest.raises(ConfigurationError):
+        read_npz(path)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -680,6 +681,11 @@ PRESS = Wrench(
 )  # into a surface whose normal is z
 
 
+PLATE = Surface.rectangle(
+    "wrist", np.zeros(3), np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.1, 0.0]), 0.005
+)
+
+
 def times_reversed(sign: str, state: State) -> int:
     """How often six seconds of a press make the sign suspect."""
     generator = ForceTorqueGenerator("wrist", ForceTorqueConfig.model_validate({"sign": sign}))
@@ -687,10 +693,22 @@ def times_reversed(sign: str, state: State) -> int:
     return [note for (cloud,) in clouds for note in cloud.notes].count(Note.REVERSED)
 
 
+def test_a_reversed_weight_that_is_found_between_two_clouds_is_reported_by_the_next() -> None:
+    generator = ForceTorqueGenerator(
+        "wrist", ForceTorqueConfig.model_validate({"sign": "on_robot"})
+    )
+    generator._weight = SimpleNamespace(suspects=lambda stamp, *of: stamp == 0.1)  # type: ignore
+    state = State(now=0.0, grid=Grid("wrist", 0.005), surface=PLATE)
+    generator.absorb(replace(PRESS, stamp=0.1), state)
+    notes = []
+    for stamp in (0.2, 0.3):
+        (cloud,) = generator.generate(replace(PRESS, stamp=stamp), state)
+        notes.append(Note.REVERSED in cloud.notes)
+    assert notes == [True, False]
+
+
 def test_a_wrench_that_pulls_on_all_of_a_surface_is_told_once() -> None:
-    x, y, _ = 0.1 * np.eye(3)
-    plate = Surface.rectangle("wrist", np.zeros(3), x, y, 0.005)
-    state = State(now=0.0, grid=Grid("wrist", 0.005), surface=plate)
+    state = State(now=0.0, grid=Grid("wrist", 0.005), surface=PLATE)
     assert times_reversed("by_robot", state) == 1
     assert times_reversed("on_robot", state) == 0
 

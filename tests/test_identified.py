@@ -93,3 +93,25 @@ def test_a_surface_has_no_efforts(tmp_path: Path) -> None:
     path = written(tmp_path, {"robot": FOUND["robot"]}, robot=None, surface=surface)
     with pytest.raises(ConfigurationError, match=r"identified\.robot: the configuration has no"):
         PipelineConfig.from_file(path)
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"identified": 5}, "identified: takes a file, or fields such as `robot`, not 5"),
+        ({"identified": [1]}, "identified: takes a file, or fields such as `robot`, not"),
+        ({"identified": {}, "generators": [1]}, "generators: input should be a valid dict"),
+        (
+            {"identified": {"generators": {"skin": {"floor": 5}}}, "generators": {"skin": 5}},
+            "generators.skin: ",
+        ),
+    ],
+)
+def test_what_is_of_a_wrong_type_is_a_sentence(fields: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"^{sentence}"):
+        PipelineConfig(**fields)
+
+
+def test_the_file_is_one_that_is_read(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    assert tmp_path / "found.yaml" in setting_of_file(path).files(None)

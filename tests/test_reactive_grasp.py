@@ -424,6 +424,13 @@ def test_joints_without_velocities_are_told_in_a_sentence() -> None:
         hand.step()
 
 
+def test_a_finger_without_a_velocity_is_refused_in_a_sentence() -> None:
+    hand = ToyHand(controller())
+    hand.speeds = np.array([0.0, np.nan])
+    with pytest.raises(ConfigurationError, match="gripper: the joints report no velocities"):
+        hand.step()
+
+
 def test_a_tool_that_nobody_knows_is_named() -> None:
     hand = ToyHand(controller(tool="plam"))
     with pytest.raises(FrameError, match="plam"):

@@ -23,7 +23,7 @@ GOOD: dict[str, dict[str, Any]] = {
     "joint_command": {"names": ("a", "b"), "positions": np.ones(2)},
     "object_pose": {"name": "box", "position": ONES, "orientation": TURN},
     "twist": {"linear": ONES, "angular": ONES},
-    "odometry": {"child_frame": "base", "position": ONES, "orientation": TURN},
+    "odometry": {"child_frame": "wheels", "position": ONES, "orientation": TURN},
     "transform": {"child_frame": "eye", "position": ONES, "orientation": TURN},
     "markers": {"names": ("a", "b"), "positions": np.ones((2, 3))},
 }

@@ -227,3 +227,10 @@ def test_a_description_without_sensors_is_one(tmp_path: Path) -> None:
     (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\n")
     written(tmp_path, link("base"))
     assert RobotModel(read_robot(tmp_path / "robot.yaml")).root == "base"
+
+
+def test_a_colon_in_a_folder_is_no_package(tmp_path: Path) -> None:
+    folder = tmp_path / "2024-05-01T10:00:00"
+    folder.mkdir()
+    assert read_robot(described(folder)).path() == folder / "robot.urdf"
+    assert RobotConfig(urdf="a:b/robot.urdf", folder=tmp_path).urdf == "a:b/robot.urdf"

@@ -421,3 +421,20 @@ def test_transforms_move_no_clock() -> None:
     config = PipelineConfig(cycle=CycleConfig(every=0.1))
     readings = [transform(0.0), wrench(0.0), transform(5.0), wrench(0.25)]
     assert [step.stamp for step in Pipeline(config).run(readings)] == pytest.approx([0.1, 0.2, 0.3])
+
+
+def test_odometry_of_a_frame_in_itself_is_refused() -> None:
+    with pytest.raises(InvalidReadingError, match="gives the pose of 'odom' in itself"):
+        odometry(0.0, 1.0, child="odom")
+
+
+def test_odometry_that_closes_a_circle_is_left_out_with_the_reason() -> None:
+    frames = {"odom": FrameConfig(parent="base")}
+    pipeline = Pipeline(PipelineConfig(frames=frames, cycle=CycleConfig(every=0.1)))
+    pipeline.receive(odometry(0.0, 1.0))
+    state = pipeline.state(0.0)
+    assert state.base_pose is None
+    assert state.unplaced.startswith("the odometry of 'base' is left out: ")
+    assert pipeline.step(0.0).fusion.contacts == ()
+    pipeline.reset()
+    assert pipeline.state(0.0).unplaced == ""

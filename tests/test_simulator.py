@@ -1,6 +1,7 @@
 """Contacts that a world of what is believed predicts."""
 
 import pickle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -186,3 +187,16 @@ def test_an_unknown_object_is_told(robot: RobotModel) -> None:
 def test_without_a_robot_it_says_so() -> None:
     with pytest.raises(ConfigurationError, match="'believed' needs the robot"):
         generator().generate(joints(0.0), state(None))
+
+
+def test_an_object_whose_shape_is_not_of_its_root_is_refused(tmp_path: Path) -> None:
+    box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    path = tmp_path / "box.urdf"
+    path.write_text(
+        f'<robot name="box"><link name="root"/><link name="box">{box}</link>'
+        '<joint name="up" type="fixed"><parent link="root"/><child link="box"/>'
+        '<origin xyz="0 0 0.5"/></joint></robot>'
+    )
+    config = ObjectConfig.model_validate({"urdf": str(path), "pose": {"parent": "base"}})
+    with pytest.raises(RobotError, match="of its root link, and 'root' has none"):
+        ObjectModel(config)

@@ -196,3 +196,10 @@ def test_days_are_text_and_aliases_are_copies(tmp_path: Path) -> None:
 def test_a_change_is_bounded_too() -> None:
     with pytest.raises(ConfigurationError, match="is no int"):
         with_overrides({}, [f"a={'9' * 5000}"])
+
+
+@pytest.mark.parametrize("escape", ["\\U00110000", "\\UFFFFFFFF"])
+def test_an_escape_that_is_no_character_is_a_sentence(escape: str, tmp_path: Path) -> None:
+    assert "scene.yaml is no YAML text" in refusal(written(tmp_path, f'a: "{escape}"'))
+    with pytest.raises(ConfigurationError, match="the value of 'a=.*' is no YAML"):
+        with_overrides({}, [f'a="{escape}"'])

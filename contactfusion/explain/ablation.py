@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from contactfusion.contacts import Contact
 from contactfusion.errors import ContactFusionError
 from contactfusion.explain.counterfactual import paired
-from contactfusion.figures import COLOURS, new_figure
+from contactfusion.figures import COLOURS, new_figure, plain
 from contactfusion.files import make_folder, write_whole
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline import Step
@@ -246,7 +246,7 @@ def picture(worths: Sequence[Worth]) -> bytes:
         moves.plot(median, row, "o", color=COLOURS[2], label="median" if first else None)
         moves.plot(far, row, "|", markersize=12, color="#222222", label="95 %" if first else None)
     counts.set(xlabel=f"part of {contacts} contacts [%]", xlim=(0.0, max(100.0, *gained)))
-    counts.set_yticks(rows, _names(worths))
+    counts.set_yticks(rows, map(plain, _names(worths)))
     moves.set(xlabel="contacts that remain move by [mm]")
     moves.set_xlim(left=0.0)
     for axes in (counts, moves):

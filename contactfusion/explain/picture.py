@@ -13,7 +13,7 @@ from contactfusion.contacts import Contact
 from contactfusion.explain.counterfactual import nearest
 from contactfusion.explain.explanation import Explanation
 from contactfusion.explain.neighbourhood import Part
-from contactfusion.figures import AXES, COLOURS, VERDICT_STYLES, new_figure
+from contactfusion.figures import AXES, COLOURS, VERDICT_STYLES, new_figure, plain
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.reason import Reason
@@ -63,9 +63,9 @@ def picture(explanation: Explanation, fusion: Fusion) -> bytes:
         _draw_place(around, np.array(place.position), place.reach, across)
     x, y = centre[across] * 1000.0
     around.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
-    around.set_xlabel(f"{AXES[across[0]]} [mm] in '{explanation.frame}'")
+    around.set_xlabel(plain(f"{AXES[across[0]]} [mm] in '{explanation.frame}'"))
     around.set_ylabel(f"{AXES[across[1]]} [mm]")
-    around.set_title(f"{explanation.stamp:.3f} s: {title}")
+    around.set_title(plain(f"{explanation.stamp:.3f} s: {title}"))
     _add_legend(around, 3)
     _draw_sources(likelihoods, ages, parts, missing, explanation)
     content = io.BytesIO()
@@ -179,13 +179,19 @@ def _draw_sources(
         row, colour = rows[part.source], KINDS[part.kind]
         likelihoods.barh(row, part.likelihood, color=colour, height=0.4)
         ages.barh(row, part.age, color=colour, height=0.4)
-        words = f"{part.source} ({part.kind})"
+        words = plain(f"{part.source} ({part.kind})")
         likelihoods.text(0.02, row + 0.36, words, va="center", fontsize=9, bbox=BOX, zorder=4)
         ages.text(part.age, row, f" {part.age:.2f}", va="center", zorder=4)
     for reason in missing:
         row, words = rows[reason.source], reason.why.replace("_", " ")
         likelihoods.text(
-            0.02, row, f"{reason.source}: {words}", va="center", color="#666666", bbox=BOX, zorder=4
+            0.02,
+            row,
+            plain(f"{reason.source}: {words}"),
+            va="center",
+            color="#666666",
+            bbox=BOX,
+            zorder=4,
         )
         age = reason.values.get("told_age_s", reason.values.get("newest_age_s", 0.0))
         ages.barh(row, age, color="#dddddd", height=0.4)

@@ -3,9 +3,9 @@
 import math
 import re
 from abc import abstractmethod
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, field_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.model import Model
@@ -51,7 +51,12 @@ def _factors(value: Any) -> Any:
     factors = value if isinstance(value, list | tuple) else [value]
     if 0 in factors:
         raise ValueError("a factor of 0 leaves nothing of what is measured")
-    return tuple(math.pi / 180.0 if factor == "deg" else factor for factor in factors)
+    return tuple(RADIANS if factor == "deg" else factor for factor in factors)
+
+
+RADIANS = math.pi / 180.0
+"""Of a degree."""
+SOME = "not every column is an angle: give a factor for each, such as [1, deg]"
 
 
 class ColumnsConfig(Model):
@@ -67,6 +72,18 @@ class ColumnsConfig(Model):
     """What brings the columns to SI units: one factor, or one a column; `deg` for degrees."""
     gaps: ClassVar[bool] = False
     """Whether a value may be missing."""
+    angles: ClassVar[Literal["all", "some", "none"]] = "all"
+    """Which columns may be angles: `deg` makes sense for all, for some by themselves, or none."""
+
+    @field_validator("scale", mode="before")
+    @classmethod
+    def _of_angles(cls, value: Any) -> Any:
+        factors = value if isinstance(value, list | tuple) else [value]
+        if cls.angles == "none" and "deg" in factors:
+            raise ValueError("no column is an angle")
+        if cls.angles == "some" and value == "deg":
+            raise ValueError(SOME)
+        return value
 
     def counts(self) -> tuple[int, ...]:
         """The numbers of values that make a reading; empty: any."""

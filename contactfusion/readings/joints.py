@@ -1,15 +1,15 @@
 """Joints: what they report, and what they are commanded."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import InvalidReadingError, RecordingError
+from contactfusion.errors import ConfigurationError, InvalidReadingError, RecordingError
 from contactfusion.readings.codec import Codec, Role
-from contactfusion.readings.columns import ColumnsConfig
+from contactfusion.readings.columns import RADIANS, SOME, ColumnsConfig
 from contactfusion.readings.messages import Message, message, numbers
 from contactfusion.readings.reading import At, Reading
 from contactfusion.readings.values import Change, ElementValues
@@ -87,6 +87,15 @@ class JointStateColumns(ColumnsConfig):
         if holds and ("positions" not in holds or len(set(holds)) < len(holds)):
             raise ValueError("name positions, and each at most once")
         return holds
+
+    @model_validator(mode="after")
+    def _efforts_are_no_angles(self) -> Self:
+        has_efforts = "efforts" in self.holds or (
+            not self.holds and len(self.columns) == 3 * len(self.names)
+        )
+        if has_efforts and self.scale == (RADIANS,):
+            raise ConfigurationError(SOME, "scale")
+        return self
 
     def counts(self) -> tuple[int, ...]:
         """As often the number of joints as the columns hold values of each."""

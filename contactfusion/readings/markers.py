@@ -35,6 +35,8 @@ class Markers(Reading):
 class MarkersColumns(ColumnsConfig):
     """Position x, y, z [m] of each marker; a missing value is a lost marker."""
 
+    angles = "none"
+
     names: tuple[str, ...] = Field(min_length=1)
     """The markers, in the order of the columns."""
     gaps: ClassVar[bool] = True

@@ -80,6 +80,8 @@ class Odometry(PosedReading):
     angular: FloatArray | None = None
 
     def _check(self) -> None:
+        if self.child_frame == self.frame:
+            raise InvalidReadingError(f"{self.label} gives the pose of '{self.frame}' in itself")
         super()._check()
         for name in ("linear", "angular"):
             if getattr(self, name) is not None:
@@ -173,6 +175,8 @@ class OdometryValues(PoseValues[Odometry]):
 class OdometryColumns(ColumnsConfig):
     """Position x, y, z [m], quaternion x, y, z, w, then, if known, a twist as `TwistColumns`."""
 
+    angles = "some"
+
     child_frame: str = Field(min_length=1)
     """The frame that moves, e.g. `base`."""
 
@@ -194,6 +198,8 @@ class OdometryColumns(ColumnsConfig):
 
 class ObjectPoseColumns(ColumnsConfig):
     """Position x, y, z [m], then the unit quaternion x, y, z, w."""
+
+    angles = "some"
 
     name: str = Field(min_length=1)
     """The object."""

@@ -31,6 +31,8 @@ class Switch(Reading):
 class SwitchColumns(ColumnsConfig):
     """One column; whatever is not 0 is closed."""
 
+    angles = "none"
+
     def counts(self) -> tuple[int, ...]:
         """One."""
         return (1,)

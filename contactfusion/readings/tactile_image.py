@@ -32,6 +32,8 @@ class TactileImage(Reading):
 class TactileImageColumns(ColumnsConfig):
     """One column a taxel or channel, in the order of the patch."""
 
+    angles = "none"
+
     def reading(self, at: At, row: FloatArray) -> TactileImage:
         """The image."""
         return TactileImage(values=row, **at)

@@ -32,6 +32,8 @@ class Twist(Reading):
 class TwistColumns(ColumnsConfig):
     """Linear velocity x, y, z [m/s], then angular velocity x, y, z [rad/s]."""
 
+    angles = "some"
+
     def counts(self) -> tuple[int, ...]:
         """Six."""
         return (6,)

@@ -1,10 +1,8 @@
 """Wrenches of six-axis force-torque sensors and force plates."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from pydantic import field_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.readings.canvas import FORCE, TORQUE, Canvas
@@ -35,12 +33,7 @@ class Wrench(Reading):
 class WrenchColumns(ColumnsConfig):
     """Force x, y, z [N], then torque x, y, z [N·m]."""
 
-    @field_validator("scale", mode="before")
-    @classmethod
-    def _no_angles(cls, value: Any) -> Any:
-        if "deg" in (value if isinstance(value, list | tuple) else [value]):
-            raise ValueError("no column of a wrench is an angle")
-        return value
+    angles = "none"
 
     def counts(self) -> tuple[int, ...]:
         """Six."""

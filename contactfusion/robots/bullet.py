@@ -1,6 +1,10 @@
 """A robot and solid bodies in a PyBullet world of their own."""
 
+import os
+import sys
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -14,6 +18,23 @@ from contactfusion.robots.urdf import Mesh
 from contactfusion.shapes import ShapeConfig
 
 
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Suppress what PyBullet prints, also on stdout, where results may go."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept, nowhere = {stream: os.dup(stream) for stream in (1, 2)}, os.open(os.devnull, os.O_WRONLY)
+    for stream in kept:
+        os.dup2(nowhere, stream)
+    try:
+        yield
+    finally:
+        for stream, copy in kept.items():
+            os.dup2(copy, stream)
+            os.close(copy)
+        os.close(nowhere)
+
+
 class BulletWorld:
     """One robot and static bodies, in a PyBullet world of their own.
 
@@ -22,13 +43,16 @@ class BulletWorld:
         fixed: whether its root link stands still; else it floats, as that of a legged robot.
         hollow: whether the mesh of a body is taken as it is; otherwise, as always for the robot,
             its convex hull: faster, and contacts are overestimated, never underestimated.
+        visual: whether the robot's visual shapes are loaded, as for pictures.
 
     Raises:
         DependencyError: pybullet is not installed.
         RobotError: PyBullet cannot load the robot.
     """
 
-    def __init__(self, robot: RobotModel, *, fixed: bool = True, hollow: bool = False) -> None:
+    def __init__(
+        self, robot: RobotModel, *, fixed: bool = True, hollow: bool = False, visual: bool = False
+    ) -> None:
         try:
             import pybullet
         except ImportError:
@@ -39,10 +63,13 @@ class BulletWorld:
         self._mesh_flags = {"flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH} if hollow else {}
         # by default PyBullet would derive inertias from the shapes
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+        if not visual:  # whose files are not checked
+            flags |= pybullet.URDF_IGNORE_VISUAL_SHAPES
         try:
-            self.robot: int = pybullet.loadURDF(
-                str(robot.urdf.path), useFixedBase=fixed, flags=flags, **self.client
-            )
+            with quiet():
+                self.robot: int = pybullet.loadURDF(
+                    str(robot.urdf.path), useFixedBase=fixed, flags=flags, **self.client
+                )
         except pybullet.error as error:
             raise RobotError(f"{robot.urdf.path}: PyBullet cannot load it: {error}") from None
         rows = range(pybullet.getNumJoints(self.robot, **self.client))
@@ -87,7 +114,8 @@ class BulletWorld:
             file = str(shape.file)
             scaled = {"meshScale": shape.scale, **self._mesh_flags}
             try:
-                made = make(bullet.GEOM_MESH, fileName=file, **scaled, **client)
+                with quiet():
+                    made = make(bullet.GEOM_MESH, fileName=file, **scaled, **client)
             except bullet.error:
                 known = ".obj, .stl and .dae"
                 raise RobotError(f"{file}: PyBullet cannot read it; it reads {known}") from None

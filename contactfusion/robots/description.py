@@ -1,6 +1,7 @@
 """ROBOT.yaml: a URDF, and the sensors on the robot."""
 
 import os
+import re
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -208,6 +209,10 @@ def _require_ordered(reach: tuple[float, float]) -> None:
         raise ConfigurationError("give the least distance, then the greatest", "reach")
 
 
+IN_PACKAGE = re.compile(r"([\w.]*):(.*)")
+"""MODULE:FILE; a name with another colon, as of a time, is that of a file."""
+
+
 def located(name: str, folder: Path = Path(), within: Path | None = None) -> Path:
     """The file of a name: in a folder, or MODULE:FILE in an installed Python package.
 
@@ -222,9 +227,9 @@ def located(name: str, folder: Path = Path(), within: Path | None = None) -> Pat
     Raises:
         ConfigurationError: there is no such package, or the name leads elsewhere.
     """
-    module, colon, file = name.partition(":")
-    if not colon:
+    if not (found := IN_PACKAGE.fullmatch(name)):
         return file_in(folder, name, within)
+    module, file = found.groups()
     top = module.partition(".")[0]
     if within is not None and top not in _offering_plugins():
         raise ConfigurationError(
@@ -267,7 +272,7 @@ def read_robot(name: str | Path, folder: Path = Path(), within: Path | None = No
         ConfigurationError: the file is missing, or a field of it is wrong.
     """
     path = located(str(name), folder, within)
-    inside = None if ":" in str(name) else within  # a package's own files may name any
+    inside = None if IN_PACKAGE.fullmatch(str(name)) else within  # a package's own may name any
     try:
         return rooted(RobotConfig(**read_yaml(path)), path.parent, inside)
     except ConfigurationError as error:

@@ -72,13 +72,17 @@ class ObjectModel:
                 urdf=config.urdf, folder=config.folder, files_within=config.files_within
             )
             path = of.path()
-            links = read_urdf(path, within=of.files_within).links
-            shaped = {name: link for name, link in links.items() if link.collision}
+            urdf = read_urdf(path, within=of.files_within)
+            shaped = {name: link for name, link in urdf.links.items() if link.collision}
             if len(shaped) != 1:
                 raise RobotError(
                     f"{path}: an object has one link with a collision shape, this has {len(shaped)}"
                 )
-            self.shapes = next(iter(shaped.values())).collision
+            if urdf.root not in shaped:
+                raise RobotError(
+                    f"{path}: an object's shape is of its root link, and '{urdf.root}' has none"
+                )
+            self.shapes = shaped[urdf.root].collision
 
     @cached_property
     def solid(self) -> Solid:

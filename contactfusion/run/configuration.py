@@ -135,6 +135,9 @@ class Setting:
             ConfigurationError: one of them is no YAML, though its name says so.
         """
         files = [*named_files(self.fields, self.folder, self.within)]
+        if self.origin.suffix in YAML and self.origin.is_file():
+            identified = read_yaml(self.origin).get("identified")  # its content stands in `fields`
+            files += [self.folder / identified] if isinstance(identified, str) else []
         if recording is not None:
             files.append(recording)
         described = [path for path in files if path.suffix in YAML and path.is_file()]

@@ -136,7 +136,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         cv2 = loaded_opencv()
         occupied = np.zeros(_GRID, np.uint8)
         occupied.reshape(-1)[cells] = 1
-        reach = round(self.config.gap / CELL)
+        reach = max(1, round(self.config.gap / CELL))  # of 0 OpenCV would make 3
         joined = cv2.dilate(occupied, np.ones((reach, reach), np.uint8))
         count, components = cv2.connectedComponents(joined)
         standing = np.flatnonzero(occupied)

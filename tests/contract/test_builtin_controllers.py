@@ -248,6 +248,9 @@ def test_odometry_is_waited_for_then_missed_in_a_sentence(
     assert command.twist is None
     assert command.mode == "fault"
     assert command.reason.endswith("a controller that pushes needs odometry of the base")
+    pipeline.reset()
+    again = pipeline.step(10.0).command
+    assert again is not None and again.mode == "wait"
 
 
 def test_the_page_names_every_option_and_set() -> None:

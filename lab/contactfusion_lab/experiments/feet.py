@@ -114,7 +114,7 @@ class Quadruped:
 
     def __init__(self, is_pinned: bool, rng: np.random.Generator) -> None:
         self.model = RobotModel(robot_config())
-        self._rng, self._world = rng, BulletWorld(self.model, fixed=is_pinned)
+        self._rng, self._world = rng, BulletWorld(self.model, fixed=is_pinned, visual=True)
         self._legs = [_rows(self.model, leg) for leg in LEGS]
         self.positions = np.zeros(len(self.model.joint_names))
         for rows in self._legs:

@@ -1,15 +1,13 @@
 """The bodies of a push in PyBullet: floor, driven base and object."""
 
-import os
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RobotError
+from contactfusion.robots.bullet import quiet
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.urdf import Mesh, read_urdf
 from contactfusion_lab.scenes.push.objects import (
@@ -138,23 +136,6 @@ def _rub(bullet: Any, client: Client, body: int, friction: float) -> None:
             body, row, lateralFriction=friction, rollingFriction=0.0, spinningFriction=0.0,
             restitution=0.0, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, **client,
         )  # fmt: skip
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Suppress what PyBullet prints."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept, nowhere = {stream: os.dup(stream) for stream in (1, 2)}, os.open(os.devnull, os.O_WRONLY)
-    for stream in kept:
-        os.dup2(nowhere, stream)
-    try:
-        yield
-    finally:
-        for stream, copy in kept.items():
-            os.dup2(copy, stream)
-            os.close(copy)
-        os.close(nowhere)
 
 
 def _in_place(positions: Sequence[tuple[float, ...]]) -> dict[str, Any]:

@@ -51,7 +51,7 @@ class TouchWorld:
         self, model: RobotModel, objects: Mapping[str, ObjectModel], friction: float
     ) -> None:
         self._model = model
-        self._world = self.physics = BulletWorld(model, hollow=True)
+        self._world = self.physics = BulletWorld(model, hollow=True, visual=True)
         """The robot and all bodies."""
         self._bullet, self._client = self._world.bullet, self._world.client
         self._friction, self._clutter = friction, list[int]()
