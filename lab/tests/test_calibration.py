@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from contactfusion_lab.trials.calibration import brier, calibration_error, level, radius
+from contactfusion_lab.trials.calibration import (
+    brier,
+    calibration_error,
+    level,
+    radius,
+    squared_calibration_error,
+)
 
 
 def test_the_error_of_honest_probabilities_is_near_0_where_the_plain_estimate_is_not() -> None:
@@ -41,3 +47,11 @@ def test_levels_of_a_gaussian_are_uniform_and_its_radius_holds_its_volume() -> N
     round_one = np.eye(3) * 0.01**2
     assert radius(round_one) == pytest.approx(0.01 * np.sqrt(7.814727903251178))
     assert level(np.array([radius(round_one), 0.0, 0.0]), round_one) == pytest.approx(0.95)
+
+
+def test_the_calibration_error_is_the_root_of_its_square() -> None:
+    stated, events = np.full(40, 0.5), np.arange(40) % 4 == 0
+    squared = squared_calibration_error(stated, events)
+    assert calibration_error(stated, events) ** 2 == pytest.approx(squared)
+    honest = np.full(40, 0.25)
+    assert squared_calibration_error(honest, events) < 0.0 == calibration_error(honest, events)

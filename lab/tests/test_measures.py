@@ -161,3 +161,21 @@ def test_corrected_p_values_are_no_less_and_in_the_same_order(worse: list[int]) 
     assert [each.p_holm for each in ordered] == sorted(each.p_holm for each in found)
     least = min(each.p for each in found)
     assert min(each.p_holm for each in found) == pytest.approx(min(len(found) * least, 1.0))
+
+
+def test_the_interval_of_a_square_is_not_moved_by_the_variance_of_what_is_drawn() -> None:
+    def square(values: FloatArray) -> float:  # of the mean, without its own variance
+        return float(values.mean() ** 2 - values.var(ddof=1) / len(values))
+
+    values = np.random.default_rng(1).standard_normal(40)
+    variance = values.var(ddof=1) / len(values)  # what each draw adds in the mean
+    ends = {
+        is_biased: grouped(
+            values, square, np.arange(40), np.random.default_rng(2), is_biased=is_biased
+        )
+        for is_biased in (False, True)
+    }
+    (value, low, high), moved = ends[False], ends[True]
+    assert moved[0] == value
+    assert low - moved[1] == pytest.approx(high - moved[2])
+    assert low - moved[1] == pytest.approx(variance, rel=0.1)

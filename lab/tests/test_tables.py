@@ -66,6 +66,7 @@ def test_successes_stand_by_group_with_an_interval_of_all() -> None:
         "| a, won | 8/10 | 1/1 | 9/11, 81.82 % [52.3, 94.9] |",
         "| b, won | 0/1 | - | 0/1, 0.00 % [0.0, 79.3] |",
     ]
+    assert text.splitlines()[0].startswith("|  | box | mug |")
 
 
 @pytest.mark.parametrize("statistic", ["mean", "median"])

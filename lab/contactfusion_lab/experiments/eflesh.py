@@ -20,6 +20,7 @@ from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Markers, TactileImage
 from contactfusion.recordings.opening import open_recording
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import Measure, grouped, p50, p90, proportion
 
 NAME = "eflesh"
@@ -189,4 +190,4 @@ def _draw(located: FloatArray, places: FloatArray, path: Path) -> None:
     spread.plot(*offsets.T, ".", markersize=2, alpha=0.4)
     spread.set(xlabel="x error [mm]", ylabel="y error [mm]", aspect="equal")
     spread.set(xlim=(-4, 4), ylim=(-4, 4), title="errors")
-    figure.savefig(path, dpi=120)
+    save_figure(figure, path, dpi=120)

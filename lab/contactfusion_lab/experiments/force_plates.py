@@ -22,6 +22,7 @@ from contactfusion.readings import Markers, Wrench
 from contactfusion.recordings.c3d import C3DConfig, C3DRecording
 from contactfusion.shapes import BodyConfig, PartConfig
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import Measure, grouped, p50, p90, proportion
 
 NAME = "force_plates"
@@ -299,4 +300,4 @@ def _draw(walk: Walk, found: dict[str, Found], path: Path) -> None:
     axes.set(xlabel="x [m] in 'lab'", ylabel="y [m]", aspect="equal", ylim=(-0.6, 1.1))
     axes.set_title("contacts on force plates")
     axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), fontsize="small")
-    figure.savefig(path, dpi=120)
+    save_figure(figure, path, dpi=120)

@@ -21,6 +21,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState, Odometry, Wrench
 from contactfusion.recordings.opening import open_recording
+from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import Measure, grouped, p50
 
 NAME = "hub"
@@ -194,4 +195,4 @@ def _draw(files: dict[str, Turning], left: dict[str, FloatArray], path: Path) ->
         axes.set(ylabel="[N]", title=f"{name}, compensated by the other file")
         axes.legend(loc="upper right", fontsize="small")
     rows[-1].set_xlabel("time [s]")
-    figure.savefig(path, dpi=120)
+    save_figure(figure, path, dpi=120)

@@ -22,6 +22,7 @@ from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.recordings.icub import FINGERS, IcubConfig, IcubRecording
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import CONFIDENCE, RESAMPLES, Measure, auc, proportion
 
 NAME = "icub_grasp"
@@ -211,4 +212,4 @@ def _draw(
     axes.set_title("scores of trials: empty hand, and each object")
     axes.set_xticks(range(len(groups)), ["empty hand", *objects], rotation=40, ha="right")
     axes.legend(loc="lower right", fontsize="small")
-    figure.savefig(path, dpi=120)
+    save_figure(figure, path, dpi=120)

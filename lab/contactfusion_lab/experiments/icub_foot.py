@@ -29,6 +29,7 @@ from contactfusion.readings import Reading, TactileImage, Wrench
 from contactfusion.recordings.tables import read_columns
 from contactfusion.robots.description import RobotConfig
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import Measure, grouped, p50, p90, proportion
 
 NAME = "icub_tipping"
@@ -148,7 +149,7 @@ def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
         axes.plot(judge.stamps, 1e3 * judge.judge[:, 0], "k:", label="centre of all taxels")
         axes.set(title=case, xlabel="time [s]", ylabel="along the foot [mm]")
         axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5))
-    figure.savefig(out / f"{NAME}.png", dpi=110)
+    save_figure(figure, out / f"{NAME}.png")
     return measures
 
 

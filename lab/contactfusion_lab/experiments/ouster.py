@@ -21,6 +21,7 @@ from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import PointCloud
 from contactfusion.recordings.ouster import COMMAND, convert, is_ready
 from contactfusion.recordings.ros import RosConfig, RosRecording
+from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import Measure, p50
 
 NAME = "ouster"
@@ -256,4 +257,4 @@ def _draw_strips(
     bars.set(xlabel="y, to the left [mm]", ylabel="length of the strip's vector [mm]")
     bars.set_ylim(0.0, 1.1 * empty)
     figure.legend(loc="outside lower center", ncols=3, fontsize="small")
-    figure.savefig(path, dpi=120)
+    save_figure(figure, path, dpi=120)

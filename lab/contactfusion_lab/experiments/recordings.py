@@ -1,7 +1,6 @@
 """`experiment recordings`: contacts in real recordings whose truth is known."""
 
 import dataclasses
-import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, icub_
 from contactfusion_lab.experiments.methods import DEFAULT_METHOD, Method
 from contactfusion_lab.experiments.ur10e import experiment as ur10e
 from contactfusion_lab.trials.choices import require_known
+from contactfusion_lab.trials.folder import as_json
 from contactfusion_lab.trials.measures import Measure
 from contactfusion_lab.trials.tables import as_csv, frame_of
 
@@ -73,8 +73,8 @@ def run_recordings(
             note(f"  {figure}")
         measures += found
         write_whole(out / "results.csv", _csv(measures))
-    summary = [{**dataclasses.asdict(figure), "met": figure.met} for figure in measures]
-    write_whole(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+        summary = [{**dataclasses.asdict(each), "met": each.met} for each in measures]
+        write_whole(out / "summary.json", as_json(summary))
     asked = [figure for figure in measures if figure.met is not None]
     say(f"{sum(bool(each.met) for each in asked)} of {len(asked)} figures as asked; results: {out}")
 

@@ -22,6 +22,19 @@ def brier(probabilities: FloatArray, events: NDArray[np.bool_]) -> float:
 def calibration_error(probabilities: FloatArray, events: NDArray[np.bool_]) -> float:
     """The expected calibration error (ECE) in the root mean square, debiased.
 
+    Args:
+        probabilities: shape (n,).
+        events: shape (n,), whether each occurred.
+
+    Returns:
+        From 0 to 1; NaN with fewer than two probabilities.
+    """
+    return float(np.sqrt(np.maximum(squared_calibration_error(probabilities, events), 0.0)))
+
+
+def squared_calibration_error(probabilities: FloatArray, events: NDArray[np.bool_]) -> float:
+    """The square of the calibration error, which may be less than 0.
+
     Bins have equal mass; the variance of each bin's share of events, which makes the plain
     estimate too large, is subtracted (Kumar et al. 2019, definition 4.3).
 
@@ -30,7 +43,7 @@ def calibration_error(probabilities: FloatArray, events: NDArray[np.bool_]) -> f
         events: shape (n,), whether each occurred.
 
     Returns:
-        From 0 to 1; NaN with fewer than two probabilities.
+        NaN with fewer than two probabilities.
     """
     if len(probabilities) < 2:
         return float("nan")
@@ -41,7 +54,7 @@ def calibration_error(probabilities: FloatArray, events: NDArray[np.bool_]) -> f
         share = events[rows].mean()
         bias = share * (1.0 - share) / (len(rows) - 1)
         total += len(rows) / len(order) * ((probabilities[rows].mean() - share) ** 2 - bias)
-    return float(np.sqrt(max(total, 0.0)))
+    return total
 
 
 def level(deviation: FloatArray, covariance: FloatArray) -> float:

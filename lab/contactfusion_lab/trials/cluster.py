@@ -42,8 +42,8 @@ LOOK = 2.0
 QUEUED = 64
 """Least number of tasks queued at the scheduler, which are at least two for each worker."""
 PACKAGES = (
-    "contactfusion", "contactfusion-lab", "distributed", "numba", "numpy", "pin", "pybullet",
-    "scipy",
+    "contactfusion", "contactfusion-lab", "distributed", "numba", "numpy", "open3d-cpu", "pin",
+    "pybullet", "scipy",
 )  # fmt: skip
 """Packages that have to be of the same version on all machines."""
 
@@ -241,7 +241,7 @@ def _versions() -> dict[str, str]:
             Path(folder, name)
             for folder, _, names in os.walk(top, followlinks=True)
             for name in names
-            if not name.endswith(".pyc")
+            if Path(folder).name != "__pycache__"  # kernels are compiled for each machine
         ]
         for path in sorted(files):
             digest.update(str(path.relative_to(top)).encode() + path.read_bytes())

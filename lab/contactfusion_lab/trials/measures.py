@@ -80,6 +80,8 @@ def grouped(
     statistic: Callable[[FloatArray], float],
     groups: Sequence[object] | NDArray[np.generic],
     rng: np.random.Generator,
+    *,
+    is_biased: bool = False,
 ) -> tuple[float, float, float]:
     """A statistic with its bootstrap interval; whole groups are drawn.
 
@@ -88,6 +90,8 @@ def grouped(
         statistic: of such values.
         groups: shape (n,), values of one group depend on each other (a trial, a place, a moment).
         rng: draws the groups.
+        is_biased: whether the statistic grows with the variance of what is drawn, such as a square:
+            then the interval is moved by as much as the mean of the drawn ones differs.
     """
     _, number = np.unique(np.asarray(groups), return_inverse=True)
     members = [values[number == group] for group in range(number.max() + 1)]
@@ -96,7 +100,7 @@ def grouped(
         return statistic(np.concatenate([members[group] for group in drawn]))
 
     rows = np.arange(len(members))
-    return _bootstrap(rows, of_groups, rng, vectorized=False)
+    return _bootstrap(rows, of_groups, rng, vectorized=False, is_biased=is_biased)
 
 
 def resampled(
@@ -113,16 +117,23 @@ def resampled(
 
 
 def _bootstrap(
-    values: NDArray[Any], statistic: Any, rng: np.random.Generator, *, vectorized: bool
+    values: NDArray[Any],
+    statistic: Any,
+    rng: np.random.Generator,
+    *,
+    vectorized: bool,
+    is_biased: bool = False,
 ) -> tuple[float, float, float]:
     value = float(statistic(values, axis=-1) if vectorized else statistic(values))
     if len(values) < 2:  # which scipy refuses
         return value, value, value
-    interval = bootstrap(
+    drawn = bootstrap(
         (values,), statistic, vectorized=vectorized, axis=-1, n_resamples=RESAMPLES, rng=rng,
         confidence_level=CONFIDENCE, method="percentile",
-    ).confidence_interval  # fmt: skip
-    return value, float(interval.low), float(interval.high)
+    )  # fmt: skip
+    interval = drawn.confidence_interval
+    bias = float(drawn.bootstrap_distribution.mean()) - value if is_biased else 0.0
+    return value, float(interval.low) - bias, float(interval.high) - bias
 
 
 def mcnemar(only_one: int, only_other: int) -> float:

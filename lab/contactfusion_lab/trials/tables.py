@@ -1,5 +1,6 @@
 """The table writer: one data frame of all trials, as CSV, JSON and Markdown with intervals."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -147,7 +148,7 @@ def success_text(
             share, low, high = (100.0 * each for each in proportion(part[success].to_numpy()))
             whole = f"{_hits(part[success])}, {share:.2f} % [{low:.1f}, {high:.1f}]"
             lines.append([f"{case}{suffix}", *cells, whole])
-    headings = [" ".join(key).replace("mu", "µ") for key in keys]
+    headings = [re.sub(r"\bmu(?=\d)", "µ", " ".join(key)) for key in keys]
     return markdown(["", *headings, "all"], [*published, *lines])
 
 

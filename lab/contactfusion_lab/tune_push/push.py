@@ -1,6 +1,5 @@
 """`tune push`: a search for parameters of pushing, confirmed in PyBullet, and a check of ranks."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.files import write_whole
 from contactfusion.terminal import Progress, note, say
 from contactfusion_lab.trials.executor import Executor, Local
-from contactfusion_lab.trials.folder import claim
+from contactfusion_lab.trials.folder import as_json, claim
 from contactfusion_lab.trials.tables import markdown
 from contactfusion_lab.tune_push.rating import (
     REPORTED,
@@ -223,7 +222,7 @@ def _report(
             for name, rating in confirmed.items()
         },
     }
-    write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
+    write_whole(out / "summary.json", as_json(summary))
     note(table, lines=True)
     say(f"the best is {best}: {out / 'parameters.yaml'}")
 
@@ -312,5 +311,5 @@ def _write_check(ratings: Mapping[str, tuple[Rating, Rating]], out: Path) -> Non
     csv = pd.DataFrame(rows, columns=names).to_csv(index=False, lineterminator="\n")
     write_whole(out / "check.csv", csv)
     write_whole(out / "check.md", table + "\n")
-    write_whole(out / "check.json", json.dumps(summary, indent=1) + "\n")
+    write_whole(out / "check.json", as_json(summary))
     note(table, lines=True)

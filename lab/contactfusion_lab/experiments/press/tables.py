@@ -13,6 +13,7 @@ from contactfusion.figures import COLOURS, new_figure
 from contactfusion_lab.experiments.press.plan import SECONDS, Plan
 from contactfusion_lab.experiments.press.trial import NEAR, Trial
 from contactfusion_lab.trials.calibration import LEVEL
+from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import CASE, parts_of, proportion, resampled
 from contactfusion_lab.trials.tables import bullets, cell, markdown, write_results
 
@@ -136,9 +137,22 @@ def evaluate(
         lines.append([*ends, *cells, "-" if alarms is None else f"{alarms:.1f}"])
     names = [name for name, *_ in COLUMNS]
     table = markdown(["arm", "N", "links", "row", "n", *names, "alarms a minute"], lines)
-    texts = {"Presses": table, "How to read it": READ, "Not made": bullets(failed)}
+    presses = frame[frame["places"] > 0].drop_duplicates("trial")
+    slid = int((presses["true_contacts"] != presses["places"]).sum())
+    left_out = f"{slid} of {len(presses)} presses touched at another number of places than meant."
+    texts = {
+        "Presses": table,
+        "How to read it": READ,
+        "Left out": left_out if slid else "",
+        "Not made": bullets(failed),
+    }
     write_results(out, frame.rename(columns={CASE: "row"}).assign(**{CASE: ""}), summary, texts)
-    _draw(frame[frame["true_contacts"] > 0], out)
+    _draw(_as_meant(frame), out)
+
+
+def _as_meant(frame: pd.DataFrame) -> pd.DataFrame:
+    """The presses that touch at as many places as they were meant to."""
+    return frame[(frame["places"] > 0) & (frame["true_contacts"] == frame["places"])]
 
 
 def _summary(frame: pd.DataFrame, plan: Plan) -> Iterator[dict[str, Any]]:
@@ -146,7 +160,7 @@ def _summary(frame: pd.DataFrame, plan: Plan) -> Iterator[dict[str, Any]]:
     free = frame[frame["places"] == 0]
     minutes = free.groupby("arm")["trial"].nunique() * SECONDS / 60.0
     alarms = free.groupby(["arm", CASE])["alarms"].sum()
-    pressed = frame[(frame["places"] > 0) & (frame["true_contacts"] == frame["places"])]
+    pressed = _as_meant(frame)
     for (arm, force, far, row), part in parts_of(pressed, ["arm", "force", "far", CASE]).items():
         name = f"{arm}, {force:g}, {'far' if far else 'near'}, {row}"
         figures: dict[str, Any] = {
@@ -176,4 +190,4 @@ def _draw(frame: pd.DataFrame, out: Path) -> None:
         axes.set(title=arm, xlabel="error of the likeliest contact [cm]", xlim=(0.0, 15.0))
     panels[0].set(ylabel="of all presses [%]", ylim=(0.0, 100.0))
     panels[-1].legend(fontsize="small", loc="lower right")
-    figure.savefig(out / "press.png", dpi=110)
+    save_figure(figure, out / "press.png")

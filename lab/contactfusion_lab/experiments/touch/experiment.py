@@ -52,7 +52,14 @@ from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import trial_file
 from contactfusion_lab.trials.measures import CASE, parts_of
 from contactfusion_lab.trials.runner import Experiment, Made, ordered, run
-from contactfusion_lab.trials.tables import Units, as_csv, comparisons_text, frame_of, write_results
+from contactfusion_lab.trials.tables import (
+    Units,
+    as_csv,
+    bullets,
+    comparisons_text,
+    frame_of,
+    write_results,
+)
 
 METHODS = (DEFAULT_METHOD, DE_MORGAN, DE_MORGAN_TUNED, POSTERIOR)
 """Methods of the table; the others are compared with the first."""
@@ -188,7 +195,9 @@ class TouchExperiment(Experiment[Touch | Free]):
         touches, motions = self._files(out, self.touches()), self._files(out, self.motions())
         if touches:
             workers = self.executor.local
-            _evaluate(self.plan, touches, motions, self.methods, self.draw, workers, out)
+            _evaluate(
+                self.plan, touches, motions, self.methods, self.draw, workers, out, failed
+            )  # fmt: skip
 
     def _files(self, out: Path, names: Iterable[str]) -> list[Path]:
         files = (trial_file(out, name, self.suffix) for name in names)
@@ -203,6 +212,7 @@ def _evaluate(
     draw: Sequence[str],
     executor: Executor,
     out: Path,
+    failed: Sequence[str],
 ) -> None:
     """Fuse every touch and every motion by every row and method; write tables, files and figures.
 
@@ -214,6 +224,7 @@ def _evaluate(
         draw: touches to draw, by their names; none: one of each object.
         executor: workers on this machine.
         out: the folder that takes the results.
+        failed: a sentence for each touch or motion that could not be made.
     """
     config = plan.pipeline
     frame, trials = outcomes_of(touched, methods, config, executor)
@@ -252,14 +263,18 @@ def _evaluate(
     measures += tables.coverage(touches, config, np.random.default_rng([plan.seed, 1]))
     shares = [tables.shares_text(measures, kind) for kind in ("voxels", "spreads")]
     texts["by any method"] = "\n\n".join(shares)
+    texts["Not made"] = bullets(failed)
     by_name = {trial.touch.name: trial for trial in trials}
     for name in draw or _first_of_each(touches):
+        if name not in by_name:
+            note(f"not drawn: {name}, which was not made")
         for method in methods[:DRAWN] if name in by_name else ():
             path = out / "pictures" / f"{name}_{method.stem}.png"
             figures.draw_touch(by_name[name], config, method, path)
     for method in methods[:DRAWN]:
         note(tables.table_text(measures, rows, str(method)), end="\n\n", lines=True)
     summary = _summary(trials) | {
+        "not made": list(failed),
         "free motions": len(motions),
         "touched though in free motion": len(motions) - alarms["motion"].nunique(),
         "measures": [asdict(measure) for measure in measures],

@@ -49,9 +49,9 @@ class Instant:
 
     @cached_property
     def occupied(self) -> list[FloatArray]:
-        """Places of the true contacts, and of all hypotheses but those of Null; see `thinned`."""
+        """Places of all hypotheses but those of Null; see `thinned`."""
         clouds = [each for each in self.clouds.values() if each.kind != HypothesisKind.NULL]
-        return [self.contacts, *(each.positions for each in clouds)]
+        return [each.positions for each in clouds]
 
 
 @dataclass(frozen=True, eq=False)

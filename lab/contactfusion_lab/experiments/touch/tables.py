@@ -17,7 +17,7 @@ from contactfusion.pipeline_config import PipelineConfig
 from contactfusion_lab.experiments.methods import TUNING_SEEDS
 from contactfusion_lab.experiments.touch.rows import TIMED, felt, modality_of
 from contactfusion_lab.experiments.touch.trial import Trial
-from contactfusion_lab.trials.calibration import brier, calibration_error
+from contactfusion_lab.trials.calibration import brier, squared_calibration_error
 from contactfusion_lab.trials.measures import CASE, Measure, grouped, proportion, resampled
 from contactfusion_lab.trials.tables import cell, markdown
 
@@ -168,14 +168,18 @@ def _calibration(case: str, outcomes: pd.DataFrame, rng: np.random.Generator) ->
     stated = outcomes["probability"].to_numpy(np.float64)
     events = (outcomes["true_contacts"] > 0).to_numpy(np.bool_)
     groups = outcomes.groupby(["object", "direction", "repeat"], sort=False).ngroup().to_numpy()
-    for metric, score in (("Brier", brier), ("ECE", calibration_error)):
+    for metric, score in (("Brier", brier), ("ECE", squared_calibration_error)):
 
         def of_rows(rows: FloatArray, score: Score = score) -> float:
             chosen = rows.astype(np.intp)
             return score(stated[chosen], events[chosen])
 
         if len(stated) > 1:
-            figures = grouped(np.arange(len(stated), dtype=np.float64), of_rows, groups, rng)
+            is_squared = score is squared_calibration_error
+            rows = np.arange(len(stated), dtype=np.float64)
+            figures = grouped(rows, of_rows, groups, rng, is_biased=is_squared)
+            if is_squared:
+                figures = tuple(np.sqrt(np.maximum(figures, 0.0)).tolist())
             yield Measure("touch", case, metric, *figures, "", len(stated), better="less")
 
 

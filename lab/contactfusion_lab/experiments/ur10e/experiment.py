@@ -24,6 +24,7 @@ from contactfusion_lab.experiments.ur10e.evidence import (
 )
 from contactfusion_lab.experiments.ur10e.links import MEASURED, Motors, located
 from contactfusion_lab.experiments.ur10e.runs import JOINTS, MARGIN, Run, read
+from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import Measure, auc, grouped, p50, p90, proportion
 
 NAME = "ur10e_currents"
@@ -195,4 +196,4 @@ def _draw(runs: Sequence[Run], alarms: dict[str, Alarm], path: Path) -> None:
         row[0].set_title(title)
         row[1].set_title(f"alarm {delay:.0f} ms after 5 N")
         row[1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.12, 0.5))
-    figure.savefig(path, dpi=100)
+    save_figure(figure, path, dpi=100)

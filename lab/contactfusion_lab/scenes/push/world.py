@@ -12,6 +12,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, missing_extra
 from contactfusion.frames import PlanarPose, planar_point, planar_turned, planar_turned_back
+from contactfusion.robots.bullet import quiet
 from contactfusion.robots.description import RobotConfig
 from contactfusion_lab.scenes.push.bodies import (
     GRAVITY,
@@ -22,7 +23,6 @@ from contactfusion_lab.scenes.push.bodies import (
     add_base,
     add_floor,
     add_object,
-    quiet,
     soften,
     turned,
 )
