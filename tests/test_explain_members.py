@@ -245,3 +245,25 @@ def test_of_clusters_of_a_set_the_contact_near_a_voxel_is_told() -> None:
     (contact,) = explained((SKIN,), rule="sets", condensation="cluster_centroid").contacts
     assert contact.combination == "P(contact) 0.90 by skin 0.90"
     assert {said.source for said in contact.said} == {"skin"}
+
+
+def test_over_time_a_source_is_compared_with_the_step_by_itself() -> None:
+    both = emit("skin", 0.8, PATCH), emit("lidar", 0.3, PATCH, 5.0)
+    account = explained(
+        *[both] * 10, (emit("skin", 0.8, PATCH), emit("motion", 0.001, PATCH, 5.0, SUPPORT))
+    )
+    (contact,) = account.contacts
+    rest = {each.source: each for each in contact.without}
+    assert contact.likelihood > 0.95 > rest["motion"].before
+    assert rest["motion"].likelihood == pytest.approx(rest["motion"].before, abs=0.005)
+    (line,) = [each for each in as_text(account).splitlines() if each.startswith("  motion")]
+    assert line.endswith("; without it: the same")
+
+
+def test_a_contact_over_time_of_which_the_step_has_none_says_so() -> None:
+    faint = emit("skin", 0.3, PATCH), emit("motion", 0.3, PATCH, 5.0, SUPPORT)
+    account = explained(*[(emit("skin", 0.9, PATCH),)] * 10, faint)
+    (contact,) = account.contacts
+    assert contact.likelihood > 0.5
+    assert all(math.isnan(each.before) for each in contact.without)
+    assert "this step by itself has no contact here, with or without it" in as_text(account)

@@ -15,20 +15,24 @@ Pair = tuple[int, int, float]
 
 @dataclass(frozen=True, slots=True)
 class Without:
-    """The counterfactual at a place without one source.
+    """The counterfactual of a step at a place without one source.
+
+    The step is taken by itself: what is followed over time would remain for a while.
 
     Attributes:
         source: its name.
         contact: whether there would be a contact here.
         likelihood: of that contact; NaN: there would be none.
-        moved: its distance from here [m]; of the nearest elsewhere if none were here, and
-            NaN if there were none at all.
+        moved: its distance from that of the step with the source, or else from here [m]; of the
+            nearest elsewhere if none were here, and NaN if there were none at all.
+        before: the likelihood of the contact here with the source; NaN: the step has none.
     """
 
     source: str
     contact: bool
     likelihood: float
     moved: float
+    before: float
 
 
 def reach_of(contact: Contact, voxel_size: float) -> float:
@@ -48,17 +52,20 @@ def without(fusion: Fusion, source: str, place: FloatArray, reach: float) -> Wit
     """The counterfactual at a place, fused again without one source.
 
     Args:
-        fusion: with it.
+        fusion: of the step by itself, with it.
         source: its name.
         place: shape (3,) [m].
         reach: the greatest distance of a contact that counts as here [m].
     """
+    before, found = np.nan, nearest(place, fusion.contacts)
+    if found is not None and found[1] <= reach:
+        before, place = found[0].likelihood, found[0].position
     found = nearest(place, fusion.without(source).contacts)
     if found is None:
-        return Without(source, False, np.nan, np.nan)
+        return Without(source, False, np.nan, np.nan, before)
     contact, away = found
     here = away <= reach
-    return Without(source, here, contact.likelihood if here else np.nan, away)
+    return Without(source, here, contact.likelihood if here else np.nan, away, before)
 
 
 def paired(before: Sequence[Contact], after: Sequence[Contact], voxel_size: float) -> list[Pair]:

@@ -359,7 +359,8 @@ def _nothing(
 def _withouts(
     view: View, parts: Sequence[Part], around: Neighbourhood, reach: float
 ) -> tuple[Without, ...]:
-    return tuple(without(view.fusion, part.source, around.position, reach) for part in parts)
+    alone = view.fusion.alone if parts else view.fusion
+    return tuple(without(alone, part.source, around.position, reach) for part in parts)
 
 
 def _distance(contact: Contact, place: FloatArray) -> float:

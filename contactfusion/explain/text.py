@@ -132,15 +132,19 @@ def _remains(without: Without, there: bool, likelihood: float) -> str:
     Args:
         without: that source.
         there: whether there is a contact with it.
-        likelihood: of that contact.
+        likelihood: of that contact, perhaps over time.
     """
     if without.contact:
-        if there and without.moved < 5e-5 and abs(without.likelihood - likelihood) < 0.005:
+        if without.moved < 5e-5 and abs(without.likelihood - without.before) < 0.005:
             return "; without it: the same"
         moved = f", {millimetres(without.moved)} from here" if without.moved >= 5e-5 else ""
-        return f"; without it: a contact of likelihood {without.likelihood:.2f}{moved}"
+        is_other = abs(without.before - likelihood) >= 0.005  # by this step alone
+        before = f" in place of {without.before:.2f}" if is_other else ""
+        return f"; without it: a contact of likelihood {without.likelihood:.2f}{before}{moved}"
     if not there:
         return ""
+    if math.isnan(without.before):
+        return "; this step by itself has no contact here, with or without it"
     if math.isnan(without.moved):
         return "; without it: no contact"
     return f"; without it: none here, the nearest is {millimetres(without.moved)} away"
@@ -212,11 +216,11 @@ def explain_fusion(fusion: Fusion) -> str:
         One line a contact, a line for each of its sources with what would remain without it, and
         one line on all other voxels.
     """
-    lines = []
+    lines, alone = [], fusion.alone
     for contact in fusion.contacts:
         lines.append(str(contact))
         for source in sorted(name for name, share in contact.shares.items() if share > 0.0):
-            lines.append(f"  without {source}: {_without(fusion, contact, source)}")
+            lines.append(f"  without {source}: {_without(alone, contact, source)}")
     if not lines:
         lines.append("no contact")
     verdicts = Counter(str(verdict) for verdict in fusion.space.verdicts)
@@ -229,11 +233,13 @@ def explain_fusion(fusion: Fusion) -> str:
 
 
 def _without(fusion: Fusion, contact: Contact, source: str) -> str:
-    """The counterfactual of a contact without one source, in words."""
+    """The counterfactual of a contact of a step by itself without one source, in words."""
     reach = reach_of(contact, fusion.field.entries.grid.voxel_size)
     rest = without(fusion, source, contact.position, reach)
     if rest.contact:
         return f"likelihood {rest.likelihood:.2f}, {rest.moved * 1000:.1f} mm from where it is now"
+    if np.isnan(rest.before):
+        return "this step by itself has no contact here, with or without it"
     if np.isnan(rest.moved):
         return "no contact remains"
     return f"no contact remains here; the nearest is {rest.moved * 100:.1f} cm away"
