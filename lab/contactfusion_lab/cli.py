@@ -128,6 +128,10 @@ def tune_push(
 ) -> None:
     """Search parameters of reactive pushing in a planar model; resumes where it stopped."""
     if check:
+        if (start, rounds, confirm) != ("tuned", 10, 150):
+            raise ConfigurationError(
+                "--check searches nothing: leave --start, --rounds, --confirm out"
+            )
         from contactfusion_lab.tune_push.push import check_ranking
 
         check_ranking(trials, seed, _executor(executor, workers, scheduler), out)

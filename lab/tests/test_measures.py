@@ -14,6 +14,7 @@ from contactfusion_lab.trials.measures import (
     compared,
     grouped,
     mcnemar,
+    proportion,
     resampled,
 )
 from contactfusion_lab.trials.tables import comparisons_text
@@ -179,3 +180,13 @@ def test_the_interval_of_a_square_is_not_moved_by_the_variance_of_what_is_drawn(
     assert moved[0] == value
     assert low - moved[1] == pytest.approx(high - moved[2])
     assert low - moved[1] == pytest.approx(variance, rel=0.1)
+
+
+def test_of_nothing_there_is_no_figure() -> None:
+    assert np.isnan(proportion(np.array([], np.bool_))).all()
+    assert np.isnan(grouped(np.array([]), np.mean, np.array([]), np.random.default_rng(0))).all()
+
+
+def test_a_case_without_trials_is_compared_with_none() -> None:
+    frame = pd.DataFrame({CASE: ["a"], TRIAL: ["x"], "won": [True], "error": [0.1]})
+    assert compared(frame, [("a", "b")], "won", ["error"], 0) == []

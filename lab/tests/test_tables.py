@@ -106,3 +106,8 @@ def test_a_long_list_of_failures_is_cut() -> None:
     assert text.splitlines()[1:] == [
         "- sentence 0", "- sentence 1", "- sentence 2", "- and 2 more, in results.csv"
     ]  # fmt: skip
+
+
+def test_flags_of_which_some_are_unknown_are_0_or_1() -> None:
+    frame = pd.DataFrame({"name": ["a", "b", "c"], "inside": [True, None, False]})
+    assert as_csv(frame) == "name,inside\na,1\nb,\nc,0\n"

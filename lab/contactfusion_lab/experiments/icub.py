@@ -58,14 +58,14 @@ def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
     objects = sorted({trial.object for trial in trials} - {EMPTY, UNRELIABLE})
     full = [trial for trial in trials if trial.object in objects]
 
-    measures = _areas("each empty trial left out", objects, full, empty, *_left_out(full, empty))
+    measures = _areas("each empty trial left out", objects, full, *_left_out(full, empty))
     for parity, case in ((0, "calibrated on odd trials"), (1, "calibrated on even trials")):
         known = [trial for trial in empty if trial.number % 2 != parity]
         tested = [trial for trial in empty if trial.number % 2 == parity]
         baseline = learned(known)
         scores = [score(trial, *baseline) for trial in full]
         nothing = [score(trial, *baseline) for trial in tested]
-        measures += _areas(case, objects, full, tested, np.array(scores), np.array(nothing))
+        measures += _areas(case, objects, full, np.array(scores), np.array(nothing))
     measures += _detections(full, empty, method)
     _draw(objects, full, *_left_out(full, empty), out / "icub_grasp.png")
     return measures
@@ -142,7 +142,6 @@ def _areas(
     case: str,
     objects: list[str],
     full: list[Trial],
-    empty: list[Trial],
     scores: FloatArray,
     nothing: FloatArray,
 ) -> list[Measure]:

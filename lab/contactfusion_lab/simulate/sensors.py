@@ -31,7 +31,7 @@ def run_sensors(
     """
     listener = StateListener(transport)
     publisher = Publisher(transport, 0, config.faults, config.seed)
-    arrivals = Arrivals(scene.config.noise.delays, rng_of(config.seed, "delays"))
+    arrivals = Arrivals(scene.config.noise.delays, rng_of(config.seed, "delays of the sensors"))
     count = missed = 0
     note("sensors: wait for the base; Ctrl-C ends")
     while not ended.is_set():

@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from glob import escape
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -199,7 +200,7 @@ class ShippedFile(Native):
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
-        files = sorted(self.parent.glob(f"{self.stem}.*"))
+        files = sorted(self.parent.glob(f"{escape(self.stem)}.*"))
         return _arrived, (str(self), {path.name: path.read_bytes() for path in files})
 
 

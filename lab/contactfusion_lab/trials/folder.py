@@ -73,7 +73,10 @@ def joined(
     if not isinstance(held, dict):
         raise ConfigurationError(f"{path} is damaged: {remedy}")
     if held.keys() != together.keys():
-        raise ConfigurationError(f"{out} holds another experiment: give another --out")
+        differing = ", ".join(sorted(held.keys() ^ together.keys()))
+        raise ConfigurationError(
+            f"{out} holds another experiment, or one with other {differing}: give another --out"
+        )
     other = [name for name in together if name not in addable and held[name] != together[name]]
     for group in addable:
         if not isinstance(held[group], dict):

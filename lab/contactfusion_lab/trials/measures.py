@@ -69,8 +69,10 @@ class Measure:
 
 
 def proportion(hits: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """A proportion with its Wilson interval."""
+    """A proportion with its Wilson interval; NaN of nothing."""
     n, k = len(hits), int(hits.sum())
+    if not n:
+        return np.nan, np.nan, np.nan
     interval = binomtest(k, n).proportion_ci(CONFIDENCE, "wilson")
     return k / n, float(interval.low), float(interval.high)
 
@@ -83,7 +85,7 @@ def grouped(
     *,
     is_biased: bool = False,
 ) -> tuple[float, float, float]:
-    """A statistic with its bootstrap interval; whole groups are drawn.
+    """A statistic with its bootstrap interval, NaN of nothing; whole groups are drawn.
 
     Args:
         values: shape (n,).
@@ -93,6 +95,8 @@ def grouped(
         is_biased: whether the statistic grows with the variance of what is drawn, such as a square:
             then the interval is moved by as much as the mean of the drawn ones differs.
     """
+    if not len(values):
+        return np.nan, np.nan, np.nan
     _, number = np.unique(np.asarray(groups), return_inverse=True)
     members = [values[number == group] for group in range(number.max() + 1)]
 
@@ -227,6 +231,8 @@ def compared(
     cases = {case: part.set_index(TRIAL) for case, part in parts_of(frame).items()}
     found = list[Comparison]()
     for case, against in pairs:
+        if case not in cases or against not in cases:
+            continue
         both = cases[case].index.intersection(cases[against].index, sort=False)
         first, second, names = cases[case].loc[both], cases[against].loc[both], (case, against)
         found.append(_of_flags(*names, success, first[success], second[success]))

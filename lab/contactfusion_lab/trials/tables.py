@@ -38,7 +38,14 @@ def as_csv(frame: pd.DataFrame, missing: str = "") -> str:
         frame: the data frame.
         missing: what stands for NaN.
     """
-    flags = dict.fromkeys(frame.select_dtypes(bool), int)
+    flags: dict[Any, type] = dict.fromkeys(frame.select_dtypes(bool), int)
+    for name, column in frame.items():  # flags of which some are unknown
+        if (
+            column.dtype == object
+            and column.notna().any()
+            and column.dropna().map(type).isin([bool, np.bool_]).all()
+        ):
+            flags[name] = float
     return frame.astype(flags).to_csv(
         index=False, float_format="%.6g", na_rep=missing, lineterminator="\n"
     )

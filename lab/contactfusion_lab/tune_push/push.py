@@ -65,6 +65,8 @@ NAMED = (
     "tuned",
     "tuned_neither",
 )
+VERSION = 1
+"""Counts up when ratings change, so that old ones are not taken for new."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def tune_push(options: Options, out: Path) -> None:
     start = SETS[options.start]
     require_searchable(start)
     parameters = start.model_dump(mode="json")
-    settings = {**vars(options), "parameters": parameters, "limits": LIMITS}
+    settings = {**vars(options), "version": VERSION, "parameters": parameters, "limits": LIMITS}
     del settings["executor"]
     claim(settings, out, (), "pushes")
     rounds = _searched(options, start, out)

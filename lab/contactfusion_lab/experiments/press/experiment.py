@@ -60,6 +60,7 @@ def run_press(options: Options, out: Path) -> None:
         raise ConfigurationError(f"an arm is pressed at 1 or 2 places, not {options.places}")
     if any(not 0.0 < force <= 200.0 for force in options.forces):
         raise ConfigurationError("a probe presses with more than 0 N, and at most 200 N", "forces")
+    require_once([f"{force:g} N" for force in options.forces], "forces")
     if not 0.0 <= options.free < math.inf:
         raise ConfigurationError(f"free motion lasts 0 minutes or more, not {options.free:g}")
     plan = Plan(

@@ -321,4 +321,5 @@ def best_single(outcomes: pd.DataFrame) -> str:
     """The one of `SINGLE` that detects the most touches."""
     touches = outcomes[~outcomes["short"]]
     detected = touches.groupby("row")["detected"].sum()
-    return str(detected.reindex(SINGLE).dropna().idxmax())
+    found = detected.reindex(SINGLE).dropna()
+    return str(found.idxmax()) if len(found) else SINGLE[0]
