@@ -105,7 +105,7 @@ class IdentifiedConfig(Model):
         }
         if self.robot.payload is not None:
             update["payload"] = self.robot.payload
-        return {**fields, "generators": changed, "robot": robot.model_copy(update=update)}
+        return {**fields, "robot": robot.model_copy(update=update)}
 
 
 class PipelineConfig(Model):

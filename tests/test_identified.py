@@ -50,6 +50,12 @@ def test_a_robot_of_a_file_takes_it_too(tmp_path: Path) -> None:
     assert config.robot is not None and config.robot.efforts["arm_1"].noise == 0.2
 
 
+def test_of_a_robot_alone_no_generator_changes(tmp_path: Path) -> None:
+    config = PipelineConfig.from_file(written(tmp_path, {"robot": FOUND["robot"]}))
+    assert config.robot is not None and config.robot.efforts["arm_1"].noise == 0.2
+    assert config.generators["wrist"]["force_noise"] == 0.1
+
+
 def test_a_change_on_the_command_line_counts_more(tmp_path: Path) -> None:
     changes = ["robot.efforts.arm_1.noise=0.7", "generators.wrist.force_noise=0.9"]
     config = setting_of_file(written(tmp_path), changes).config()

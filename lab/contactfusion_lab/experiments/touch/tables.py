@@ -177,10 +177,11 @@ def _calibration(case: str, outcomes: pd.DataFrame, rng: np.random.Generator) ->
         if len(stated) > 1:
             is_squared = score is squared_calibration_error
             rows = np.arange(len(stated), dtype=np.float64)
-            figures = grouped(rows, of_rows, groups, rng, is_biased=is_squared)
+            figures = np.array(grouped(rows, of_rows, groups, rng, is_biased=is_squared))
             if is_squared:
-                figures = tuple(np.sqrt(np.maximum(figures, 0.0)).tolist())
-            yield Measure("touch", case, metric, *figures, "", len(stated), better="less")
+                figures = np.sqrt(np.maximum(figures, 0.0))
+            value, low, high = figures.tolist()
+            yield Measure("touch", case, metric, value, low, high, "", len(stated), better="less")
 
 
 def by_force(touches: pd.DataFrame) -> dict[str, pd.DataFrame]:
