@@ -451,10 +451,10 @@ class LiveStream(Recording):
 
     def _is_unplaced(self, topic: str) -> bool:
         """Whether no transform places what any generator detects by a topic of a sensor."""
-        if self.states[topic].listener.kind is JointState:  # which are the robot's state, too
+        lost = self._pipeline.lost
+        if not lost or self.states[topic].listener.kind is JointState:  # the robot's state, too
             return False
         detectors = self._detectors(topic)
-        lost = self._pipeline.lost
         return bool(detectors) and all(each.name in lost for each in detectors)
 
 
