@@ -174,7 +174,8 @@ def test_currents_of_a_description_without_a_constant_are_refused() -> None:
             "integrator": {"frame": "base"},
         }
     )
-    with pytest.raises(ConfigurationError, match=r"^generators.arm.joints: no torque per ampere of arm_1, "):
+    sentence = r"^generators\.arm\.joints: no torque per ampere of arm_1, "
+    with pytest.raises(ConfigurationError, match=sentence):
         Pipeline(config)
 
 
