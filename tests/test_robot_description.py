@@ -233,4 +233,3 @@ def test_a_colon_in_a_folder_is_no_package(tmp_path: Path) -> None:
     folder = tmp_path / "2024-05-01T10:00:00"
     folder.mkdir()
     assert read_robot(described(folder)).path() == folder / "robot.urdf"
-    assert RobotConfig(urdf="a:b/robot.urdf", folder=tmp_path).urdf == "a:b/robot.urdf"
