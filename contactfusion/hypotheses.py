@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from contactfusion.arrays import FloatArray, finite_number, frozen_array
+from contactfusion.arrays import LARGEST, FloatArray, finite_number, frozen_array
 from contactfusion.errors import InvalidCloudError, name_hint
 from contactfusion.frames import Pose, points_in, vectors_in
 from contactfusion.time import LONGEST_SECONDS
 
-LARGEST = float(np.finfo(np.float64).max)
 SUM_TOLERANCE = 1e-6
 """How far above 1 the likelihoods of a single contact may sum through rounding."""
 
@@ -203,10 +202,9 @@ class ContactHypothesis(BaseModel):
 
 
 def _refuse_outside(values: FloatArray, low: float, high: float, name: str) -> None:
-    """Refuse values outside the bounds; NaN lies outside, and so does what has no end."""
+    """Refuse values outside the bounds; NaN lies outside."""
     if len(values) and not (values.min() >= low and values.max() <= high):
         row = int(np.argmin((values >= low) & (values <= high)))
-        end = f"{high:g}]" if high < LARGEST else "inf)"
         raise InvalidCloudError(
-            f"row {row} of the {name} is {values[row]:.6g}, outside [{low:g}, {end}"
+            f"row {row} of the {name} is {values[row]:.6g}, outside [{low:g}, {high:g}]"
         )

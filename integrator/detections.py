@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import clusters
 from contactfusion.integrator.cells import Dealt, cell_list, grouped, nearest
-from contactfusion.integrator.clusters import Int32Array
 from contactfusion.integrator.entries import Entries
-from contactfusion.integrator.nearby import around, nearest_left, reached
+from contactfusion.integrator.nearby import around, linked, nearest_left, reached
 from contactfusion.integrator.store import Int64Array
 
 CERTAIN = 0.99
@@ -84,18 +82,20 @@ class Evidence:
 
     Args:
         cloud: its hypotheses.
-        keys: shape (n,), their voxels, ascending.
+        shared: shape (n,), the part of each that is of others in its voxel.
         side: of a voxel [m].
     """
 
-    def __init__(self, cloud: Cloud, keys: Int64Array, side: float) -> None:
+    def __init__(self, cloud: Cloud, shared: FloatArray, side: float) -> None:
         self.cloud = cloud
         self.variance = max(float(np.median(cloud.variances)), side**2 / 12.0)
         """Of the positions, by axis [m²]: at least that of a position anywhere in a voxel."""
+        own = 0.5 * LINK * float(np.sqrt(self.variance))
+        self.reaches = own + side * np.minimum(shared, 0.5)
+        """Hypotheses that are no further apart than the sum of theirs hang together, shape (n,)
+        [m]; those of a voxel are one, and were up to half of its side away from it."""
         self.labels = (
-            np.zeros(len(keys), np.int32)
-            if cloud.single
-            else detections(cloud, keys, self.variance, side)
+            np.zeros(len(shared), np.int32) if cloud.single else detections(cloud, self.reaches)
         )
         """The detection of each hypothesis, shape (n,); those of a single contact are one."""
         self.peaks = np.zeros(int(self.labels.max()) + 1)
@@ -118,6 +118,17 @@ class Evidence:
             wanted[self.labels[nearest_left(*left, points.mean(axis=0))]] = True
         return wanted
 
+    def nearest(self, place: FloatArray) -> FloatArray:
+        """The position left that is nearest to a place, both of shape (3,) [m]."""
+        left = (self.cloud.positions, self._cells, self.labels, self.left)
+        position: FloatArray = self.cloud.positions[nearest_left(*left, place)]
+        return position
+
+    @property
+    def cloud_left(self) -> Cloud:
+        """The hypotheses left."""
+        return self.cloud.picked(self.rows_of(self.left))
+
     def rows_of(self, taken: NDArray[np.bool_]) -> NDArray[np.intp]:
         """The hypotheses of some detections, ascending; `taken` has shape (d,)."""
         rows, begins = self._by_detection
@@ -137,7 +148,7 @@ class Evidence:
         return float(self.peaks[of].max(initial=0.0))
 
 
-def detections(cloud: Cloud, keys: Int64Array, variance: float, side: float) -> Int32Array:
+def detections(cloud: Cloud, reaches: FloatArray) -> NDArray[np.int32]:
     """Which hypotheses of several contacts belong together, as labels of shape (n,).
 
     Those that lie no further apart than their spreads tell apart do; a group with several peaks
@@ -145,19 +156,17 @@ def detections(cloud: Cloud, keys: Int64Array, variance: float, side: float) -> 
 
     Args:
         cloud: the hypotheses.
-        keys: shape (n,), their voxels, ascending.
-        variance: of the positions, by axis [m²].
-        side: of a voxel [m].
+        reaches: shape (n,), they are no further apart than the sum of theirs [m].
     """
-    reach = clusters.reach_squared(LINK * np.sqrt(variance), side)
-    groups, count = clusters.label(keys, reach)
+    away = 2.0 * float(reaches.max())
+    groups, count = linked(cloud.positions, cell_list(cloud.positions, away), reaches)
     peak = np.zeros(count)
     np.maximum.at(peak, groups, cloud.likelihoods)
     high = cloud.likelihoods >= PEAK * peak[groups]
     if high.all():
         return groups
-    labels = np.empty(len(keys), np.int32)
-    labels[high], peaks = clusters.label(keys[high], reach)
+    labels, tops = np.empty(len(high), np.int32), cloud.positions[high]
+    labels[high], peaks = linked(tops, cell_list(tops, away), reaches[high])
     lowest, highest = np.full(count, peaks, np.int32), np.full(count, NONE, np.int32)
     np.minimum.at(lowest, groups[high], labels[high])
     np.maximum.at(highest, groups[high], labels[high])
@@ -165,7 +174,7 @@ def detections(cloud: Cloud, keys: Int64Array, variance: float, side: float) -> 
     several = (lowest != highest)[groups]
     if several.any():  # the rest belongs to the nearest peak, near neighbours together
         between, within = np.flatnonzero(several & ~high), np.flatnonzero(several & high)
-        away, tops = LINK * np.sqrt(variance), cloud.positions[within]
+        tops = cloud.positions[within]
         dealt = cell_list(cloud.positions[between], away)
         counts = np.diff(dealt.begins)
         begins, counts = dealt.begins[:-1][counts > 0], counts[counts > 0]

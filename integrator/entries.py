@@ -178,6 +178,17 @@ class Entries:
         return mean_places(columns.keys, columns.offsets, self.grid.voxel_size)
 
     @property
+    def shared(self) -> FloatArray:
+        """The part of each entry's likelihoods that is of weaker hypotheses, shape (n,).
+
+        0 where a voxel holds one hypothesis of the source, or where no rule needs places.
+        """
+        columns = self.columns
+        if not len(columns.offsets):
+            return np.zeros(len(columns.keys))
+        return np.maximum(1.0 - columns.likelihoods / columns.offsets[:, 3].astype(np.float64), 0.0)
+
+    @property
     def likelihoods(self) -> NDArray[np.float32]:
         """What each source gave, shape (m, k), NaN where nothing."""
         return self._by_voxel(self.columns.likelihoods, np.float32(np.nan))

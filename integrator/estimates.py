@@ -12,7 +12,7 @@ from contactfusion.integrator.entries import Entries, Member
 from contactfusion.integrator.kernels import EDGE
 from contactfusion.integrator.likelihood_fields import SURE, LikelihoodFields, Taken
 from contactfusion.integrator.nearby import Rows
-from contactfusion.integrator.places import BASIN, STEP, Basin, moments
+from contactfusion.integrator.places import BASIN, Basin, moments
 from contactfusion.thinning import voxel_downsample
 from contactfusion.time import to_seconds
 
@@ -58,7 +58,7 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
         along = (own - position) @ axes[:, -1]
         extent += np.array(((along.min(),), (along.max(),))) * axes[:, -1]
         scatter = size if is_large else scatter
-    shares, reach = _shares(fields, basin, taken), 0.5 * STEP * places.spacing
+    shares, reach = _shares(fields, basin, taken), float(places.reaches[basin.rows].max())
     likelihood, given, factors = _existence(fields, basin, taken)
     contact = Contact(
         position=position,

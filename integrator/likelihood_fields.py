@@ -5,7 +5,7 @@ Detections that a contact explains are taken out, so that what is left can be se
 
 import functools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,9 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
 from contactfusion.integrator.detections import LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries
+from contactfusion.integrator.fields import WIDER
 from contactfusion.integrator.nearby import Rows, labelled
-from contactfusion.integrator.places import STEP, Basin, Places, SourceField
+from contactfusion.integrator.places import TAIL, Basin, Places, SourceField
 from contactfusion.integrator.store import Int64Array, rasterise
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
@@ -29,6 +30,10 @@ SURE = 0.5
 """A source that is so sure of a contact tells its area."""
 EXPLAINED = 0.1
 """A contact explains a detection whose field has this part of its highest there."""
+APART = TAIL * float(np.exp(-0.5 * (LINK / WIDER) ** 2))
+"""Likewise one by a source of several contacts that is sure: up to `LINK` standard deviations away.
+What an unsure source says so far away is more likely clutter, and what a source of a single contact
+says may fit another contact better: that is decided when all are found."""
 FAR_OFF = float(np.exp(-4.5))
 """A prediction whose field is lower near evidence, in parts of its highest, lies elsewhere."""
 MANY = 4_000_000
@@ -66,8 +71,9 @@ class LikelihoodFields:
     ) -> None:
         self.entries, self._floor = entries, floor
         self.clouds, side = clouds_of(entries), entries.grid.voxel_size
+        shared = entries.shared
         self.evidence = {
-            row: Evidence(self.clouds[row], entries.columns.keys[own], side)
+            row: Evidence(self.clouds[row], shared[own], side)
             for row, (source, own) in enumerate(entries.by_source)
             if source.kind == HypothesisKind.REGULAR and own.stop > own.start
         }
@@ -86,7 +92,7 @@ class LikelihoodFields:
         if surface is not None and len(surface.points):
             spacing = max(surface.spacing, least)
             narrowest = max(NARROWEST * spacing, least)
-            whole = Places(surface.points, surface.normals, spacing, narrowest, surface.links)
+            whole = Places.on(surface, slice(None), spacing, narrowest)
             heard = {row: whole.field(each.cloud) for row, each in self.evidence.items()}
             reached = np.zeros(len(surface.points), np.bool_)
             for field in heard.values():
@@ -98,14 +104,15 @@ class LikelihoodFields:
                     for row, cloud in enumerate(self.clouds)
                 ]
         points = np.concatenate([each.cloud.positions for each in self.evidence.values()])
+        # places hang together as far apart as the hypotheses of their source do
+        reaches = np.concatenate([each.reaches for each in self.evidence.values()])
         if len(self.clouds) * len(points) > MANY:
-            points = points[voxel_downsample(points, self.entries.grid)]
-        variance = min(each.variance for each in self.evidence.values())
+            rows = voxel_downsample(points, self.entries.grid)
+            points, reaches = points[rows], reaches[rows]
         links = np.zeros(len(points), np.int32)
         if surface is not None and len(surface.link_names) > 1 and len(surface.points):
             links = surface.links[surface.nearest(points)[1]]
-        # places hang together as far apart as the hypotheses of a source do
-        places = Places(points, None, LINK / STEP * np.sqrt(variance), least, links)
+        places = Places(points, None, 0.0, least, links, reaches)
         return places, [places.field(cloud) for cloud in self.clouds]
 
     def _listen(self, steepest: float) -> None:
@@ -166,6 +173,11 @@ class LikelihoodFields:
         """The product of the factors of some sources, shape (c,); as `product`."""
         return product(self.factors[[*rows]])
 
+    @property
+    def rows_left(self) -> list[int]:
+        """The rows of the sources of which detections are left."""
+        return [row for row, each in self.evidence.items() if each.left.any()]
+
     def restore(self) -> None:
         """Take it that no contact explains anything yet."""
         self._fields = [each.copy() for each in self._whole]
@@ -173,15 +185,15 @@ class LikelihoodFields:
             each.left[:] = True
             self._believe(row)
 
-    def sought(self) -> NDArray[np.bool_]:
-        """Where the surest of what is left is explained, shape (c,).
+    def sought(self, rows: Iterable[int]) -> NDArray[np.bool_]:
+        """Where the surest of what is left of some sources is explained, shape (c,).
 
         Support alone makes no contact, and much that is faint hides none that is sure.
         """
-        sure = {row: each.probability(each.left) for row, each in self.evidence.items()}
+        sure = {row: self.evidence[row].probability(self.evidence[row].left) for row in rows}
         least = SURE * max(sure.values())
-        rows = [row for row, probability in sure.items() if probability >= least]
-        return np.asarray(self._explains[rows].any(axis=0))
+        surest = [row for row, probability in sure.items() if probability >= least]
+        return np.asarray(self._explains[surest].any(axis=0))
 
     def is_vague(self, rows: Iterable[int]) -> bool:
         """Whether each of some sources tells of a single contact."""
@@ -213,10 +225,35 @@ class LikelihoodFields:
 
     def explained(self, basin: Basin) -> Taken:
         """The detections that a contact explains, by source."""
-        left = [row for row, each in self.evidence.items() if each.left.any()]
+        left = self.rows_left
         fits = [self.agreement(row, basin) for row in left]
-        rows = [row for row, fit in zip(left, fits, strict=True) if fit > EXPLAINED]
-        return {row: self._near(row, basin.core) for row in rows or [left[int(np.argmax(fits))]]}
+        rows = [row for row, fit in zip(left, fits, strict=True) if fit > self._least(row)]
+        rows = rows or [left[int(np.argmax(fits))]]
+        if self.places.normals is None and len(rows) < len(left):
+            rows = self._joined(rows, left, basin)
+        return {row: self._near(row, basin.core) for row in rows}
+
+    def _joined(self, rows: Sequence[int], left: Sequence[int], basin: Basin) -> list[int]:
+        """Of what is left, the rows that agree with a contact where these do on average.
+
+        Without a surface there is no place but where a source has a hypothesis.
+        """
+        nearest = [self.evidence[row].nearest(basin.mean) for row in rows]
+        trusted = [1.0 / self.spread(row) ** 2 for row in rows]
+        between = self.places.at(np.average(nearest, axis=0, weights=trusted))
+        joined = [*rows]
+        for row in left:
+            if row not in rows:
+                (height,) = between.field(self.evidence[row].cloud_left).heights
+                if height > self._least(row) * self._highest[row]:
+                    joined.append(row)
+        return sorted(joined)
+
+    def _least(self, row: int) -> float:
+        """The agreement from which a contact explains what is left of a source."""
+        each = self.evidence[row]
+        is_sure = not each.cloud.single and each.probability(each.left) >= SURE
+        return APART if is_sure else EXPLAINED
 
     def agreement(self, row: int, basin: Basin) -> float:
         """How well a source agrees with a contact, at most 1."""

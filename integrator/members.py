@@ -132,11 +132,11 @@ def ends(member: Member) -> list[tuple[Rows, float]]:
 
     Places hang together at an end; given are the rows of each.
     """
-    step, left = 2.0 * member.reach, member.weights.copy()
-    cells, found = cell_list(member.places, step), []
+    left, reaches = member.weights.copy(), np.full(len(member.weights), member.reach)
+    cells, found = cell_list(member.places, 2.0 * member.reach), []
     while left.any():
         some = np.finfo(np.float64).tiny
-        rows = connected(member.places, cells, left, some, int(left.argmax()), step)
+        rows = connected(member.places, cells, left, some, int(left.argmax()), reaches)
         found.append((rows, float(left[rows].sum())))
         left[rows] = 0.0
     away = [_away(member.places[rows], member.contact.position) for rows, _ in found]

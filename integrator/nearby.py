@@ -177,17 +177,23 @@ def labelled(
 
 @kernel
 def connected(
-    points: FloatArray, cells: Dealt, values: FloatArray, least: float, start: int, reach: float
+    points: FloatArray,
+    cells: Dealt,
+    values: FloatArray,
+    least: float,
+    start: int,
+    reaches: FloatArray,
 ) -> Rows:
     """The points of at least some value that hang together with one of them, ascending.
 
     Args:
         points: shape (c, 3) [m].
-        cells: the points by cells.
+        cells: the points by cells, of at least twice the longest reach.
         values: shape (c,).
         least: the least value.
         start: the row of the one.
-        reach: points that are no further apart hang together [m].
+        reaches: shape (c,), points that are no further apart than the sum of theirs hang together
+            [m].
     """
     side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
     left = values >= least
@@ -198,7 +204,7 @@ def connected(
         row = found[done]
         done += 1
         px, py, pz = points[row, 0], points[row, 1], points[row, 2]
-        x, y, z = px - low[0], py - low[1], pz - low[2]
+        x, y, z, reach = px - low[0], py - low[1], pz - low[2], float(reaches[row]) + 0.5 * side
         j_first, j_end = _first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])
         k_first, k_end = _first(z, reach, side, counts[2]), _end(z, reach, side, counts[2])
         for i in range(_first(x, reach, side, counts[0]), _end(x, reach, side, counts[0])):
@@ -206,10 +212,65 @@ def connected(
                 column = (i * counts[1] + j) * counts[2]
                 for at in range(begins[column + k_first], begins[column + k_end]):
                     other = np.uintp(cells.rows[at])
-                    if left[other] and _squared(points, other, px, py, pz) <= reach * reach:
-                        found[count], left[other] = other, False
-                        count += 1
+                    if left[other]:
+                        most = (reaches[row] + reaches[other]) ** 2
+                        if _squared(points, other, px, py, pz) <= most:
+                            found[count], left[other] = other, False
+                            count += 1
     return np.sort(found[:count])
+
+
+@kernel
+def linked(points: FloatArray, cells: Dealt, reaches: FloatArray) -> tuple[NDArray[np.int32], int]:
+    """Label points by which hang together.
+
+    What is labelled leaves its cell, so that hardly a pair is looked at twice.
+
+    Args:
+        points: shape (n, 3) [m].
+        cells: the points by cells.
+        reaches: shape (n,), points that are no further apart than the sum of theirs hang together
+            [m].
+
+    Returns:
+        Labels of shape (n,), numbered in the order of the groups' first points, and their number.
+    """
+    side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
+    rows, ends, furthest = cells.rows.copy(), begins[1:].copy(), reaches.max()
+    places, own = points[rows], reaches[rows]  # those of a cell side by side
+    labels, found, number = np.full(len(points), NONE, np.int32), np.empty(len(points), np.intp), 0
+    for start in range(len(points)):
+        if labels[start] != NONE:
+            continue
+        found[0], labels[start], count = start, number, 1
+        while count > 0:
+            count -= 1
+            row = found[count]
+            px, py, pz = points[row]
+            x, y, z, reach = px - low[0], py - low[1], pz - low[2], reaches[row] + furthest
+            j_first, j_end = _first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])
+            k_first, k_end = _first(z, reach, side, counts[2]), _end(z, reach, side, counts[2])
+            for i in range(_first(x, reach, side, counts[0]), _end(x, reach, side, counts[0])):
+                for j in range(j_first, j_end):
+                    column = (i * counts[1] + j) * counts[2]
+                    for cell in range(column + k_first, column + k_end):
+                        at = begins[cell]
+                        while at < ends[cell]:
+                            most = (reaches[row] + own[at]) ** 2
+                            if _squared(places, at, px, py, pz) > most:
+                                at += 1
+                                continue
+                            other = rows[at]
+                            if labels[other] == NONE:  # not the first one itself
+                                found[count], labels[other] = other, number
+                                count += 1
+                            ends[cell] -= 1
+                            last = ends[cell]
+                            rows[at], own[at] = rows[last], own[last]
+                            for axis in range(3):
+                                places[at, axis] = places[last, axis]
+        number += 1
+    return labels, number
 
 
 @kernel

@@ -14,13 +14,14 @@ from contactfusion.integrator import fields
 from contactfusion.integrator.cells import Dealt, cell_list
 from contactfusion.integrator.detections import Cloud
 from contactfusion.integrator.nearby import Rows, connected, nearer, shifted
+from contactfusion.surface import Surface
 
 TAIL = 0.1
 """Spreads may be stated too small: a second Gaussian, so high and three times as wide, is added."""
 STEP = 2.0
 """Places are connected in steps of so many spacings."""
 WIDTH = 1.6
-"""Width of the kernel by which the densest place is found, in spacings."""
+"""Width of the kernel by which the densest place is found, in reaches of the places."""
 CORE, BASIN = 0.3, 0.1
 """Connected places of at least these parts of the heaviest are where a contact lies, and what
 belongs to it."""
@@ -85,9 +86,11 @@ class Places:
     Attributes:
         points: shape (c, 3) [m].
         normals: of the surface there, shape (c, 3); None without it.
-        spacing: how far neighbouring places lie apart [m].
+        spacing: how far neighbouring places of a surface lie apart [m]; 0 without it.
         narrowest: the least standard deviation of a hypothesis [m].
         links: shape (c,), the link of each, as an index into the surface's; 0 without it.
+        reaches: shape (c,), places that are no further apart than the sum of theirs hang together
+            [m].
     """
 
     points: FloatArray
@@ -95,11 +98,19 @@ class Places:
     spacing: float
     narrowest: float
     links: NDArray[np.int32]
+    reaches: FloatArray
+
+    @staticmethod
+    def on(surface: Surface, rows: Rows | slice, spacing: float, narrowest: float) -> "Places":
+        """Points of a surface, by their rows."""
+        points, normals = surface.points[rows], surface.normals[rows]
+        reaches = np.full(len(points), 0.5 * STEP * spacing)
+        return Places(points, normals, spacing, narrowest, surface.links[rows], reaches)
 
     @cached_property
     def cells(self) -> Dealt:
         """The places by cells."""
-        return cell_list(self.points, STEP * self.spacing)
+        return cell_list(self.points, 2.0 * float(self.reaches.max()))
 
     @cached_property
     def tiles(self) -> Dealt:
@@ -110,7 +121,12 @@ class Places:
         """Some of the places; `wanted` has shape (c,)."""
         normals = None if self.normals is None else self.normals[wanted]
         given = self.points[wanted], normals, self.spacing, self.narrowest
-        return Places(*given, self.links[wanted])
+        return Places(*given, self.links[wanted], self.reaches[wanted])
+
+    def at(self, position: FloatArray) -> "Places":
+        """A single place off any surface, at a position of shape (3,) [m]."""
+        given = None, self.spacing, self.narrowest, self.links[:1], self.reaches[:1]
+        return Places(position[None], *given)
 
     def field(self, cloud: Cloud) -> SourceField:
         """The field of a source."""
@@ -156,7 +172,7 @@ class Places:
         """
         heavy, some = np.flatnonzero(weights >= CORE), np.flatnonzero(weights >= BASIN)
         tops, densities = self.points[heavy], np.empty(len(heavy))
-        tiles, widths = cell_list(tops, self._tile), np.full(len(some), self._width**2)
+        tiles, widths = cell_list(tops, self._tile), (WIDTH * self.reaches[some]) ** 2
         around = (self.points[some], weights[some], widths, True, 0.0)
         fields.kernel_density(tops, tiles, *around, densities)
         top = int(heavy[np.round(densities / densities.max(), 6).argmax()])  # the first of equals
@@ -193,11 +209,12 @@ class Places:
             least: the least value.
             start: the row of the one.
         """
-        return connected(self.points, self.cells, values, least, start, STEP * self.spacing)
+        return connected(self.points, self.cells, values, least, start, self.reaches)
 
     def mode(self, basin: Basin) -> FloatArray:
         """Where mean shift leads from the mean of a basin's core, shape (3,) [m]."""
-        return shifted(self.points, basin.rows, basin.weights, basin.mean, self._width, STEPS)
+        width = WIDTH * float(self.reaches[basin.top])
+        return shifted(self.points, basin.rows, basin.weights, basin.mean, width, STEPS)
 
     def moments(self, basin: Basin, about: FloatArray) -> FloatArray:
         """The second moments of a belief around a point, shape (3, 3) [m²].
@@ -213,10 +230,6 @@ class Places:
         if self.normals is None:  # they lie as densely as hypotheses
             return fields.TILE
         return max(fields.TILE, TILE * self.spacing)
-
-    @property
-    def _width(self) -> float:
-        return WIDTH * self.spacing
 
 
 def moments(offsets: FloatArray, weights: FloatArray) -> FloatArray:

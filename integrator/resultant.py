@@ -20,7 +20,7 @@ from contactfusion.integrator.detections import CERTAIN, Cloud, clouds_of
 from contactfusion.integrator.entries import Entries, Member, Source
 from contactfusion.integrator.kernels import EDGE
 from contactfusion.integrator.likelihood_fields import HIDDEN
-from contactfusion.integrator.places import STEP, Places
+from contactfusion.integrator.places import Places
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
 
@@ -321,11 +321,10 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
     if not len(rows):
         return []
     rows = rows[voxel_downsample(surface.points[rows], Grid(entries.grid.frame, spacing))]
-    normals = surface.normals[rows]
-    places = Places(surface.points[rows], normals, spacing, spacing, surface.links[rows])
+    places = Places.on(surface, rows, spacing, spacing)
     weights, free, added = _predicted(places, entries)
     weights *= free
-    gains = sum_of.gains(sum_of.maps(places.points, normals), known)
+    gains = sum_of.gains(sum_of.maps(places.points, places.normals), known)
     best = gains.max()
     joint = weights * np.exp(gains - best)
     odds = RARE * float(np.exp(min(best, 50.0)) * joint.sum() / weights.sum())
@@ -358,7 +357,7 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
     for array in (position, contact.scatter, contact.covariance, contact.extent, contact.force):
         array.flags.writeable = False
     normal = places.normal(basin)
-    points, reach = places.points[basin.rows], 0.5 * STEP * places.spacing
+    points, reach = places.points[basin.rows], float(places.reaches[basin.rows].max())
     given, link = {source: probability}, int(places.links[basin.top])
     return [Member(contact, points, basin.weights, normal, reach, link, given)]
 

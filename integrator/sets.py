@@ -17,8 +17,8 @@ from pydantic import Field as FieldOf
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.detections import CERTAIN
 from contactfusion.integrator.entries import Entries, Field, Member, Source
-from contactfusion.integrator.estimates import AGREED, estimate
-from contactfusion.integrator.likelihood_fields import LikelihoodFields, product
+from contactfusion.integrator.estimates import estimate
+from contactfusion.integrator.likelihood_fields import APART, LikelihoodFields, product
 from contactfusion.integrator.members import FAINT, by_voxel, described_in
 from contactfusion.integrator.places import Basin
 from contactfusion.integrator.resultant import (
@@ -138,16 +138,15 @@ class Search:
         self._summed: dict[int, NDArray[np.bool_]] = {}
         """The detections of several contacts together, by the row of their source."""
         while len(found) < MOST and self._fields.possible() >= FAINT:
-            weights = self._weights()
             beside = [*(member for _, member in found), *before[len(found) + 1 :]]
-            is_vague = any(
-                each.cloud.single and each.left.any() for each in self._fields.evidence.values()
-            )
-            for sum_of in self.sums.values() if beside and is_vague else ():
-                self._weigh(weights, sum_of, beside)
+            weights = self._weights(beside)
             basin = self._fields.places.densest(weights / weights.max())
             taken = self._fields.explained(basin)
             if self._fields.is_vague(taken):
+                rest = [row for row in self._fields.rows_left if row not in taken]
+                if rest:  # what it does not explain does not locate it
+                    weights = self._weights(beside, rest)
+                    basin = self._fields.places.densest(weights / weights.max())
                 borne = self._borne(taken)
                 if borne[basin.core].all():  # nor on links of which none of them tells
                     weights *= borne
@@ -163,13 +162,24 @@ class Search:
                     self._fields.take_out(row, self._summed[row])
         return found
 
-    def _weights(self) -> FloatArray:
-        """How well the next contact would explain all that is left, at each place, shape (c,)."""
-        sought = np.flatnonzero(self._fields.sought())
-        whole, weights = product(self._fields.factors[:, sought]), np.zeros(len(self._fields.seen))
-        weights[sought] = whole * self._fields.seen[sought]
+    def _weights(self, beside: Sequence[Member], without: Sequence[int] = ()) -> FloatArray:
+        """How well the next contact would explain all that is left, at each place, shape (c,).
+
+        Args:
+            beside: other contacts, that take part in what is measured of all together.
+            without: the rows of sources of evidence that do not count.
+        """
+        fields = self._fields
+        rows = [row for row in fields.rows_left if row not in without]
+        sought = np.flatnonzero(fields.sought(rows))
+        factors = np.delete(fields.factors, without, axis=0) if without else fields.factors
+        whole, weights = product(factors[:, sought]), np.zeros(len(fields.seen))
+        weights[sought] = whole * fields.seen[sought]
         if not weights.any():  # all of it is where hundreds of sources see nothing
             weights[sought] = whole
+        is_vague = any(fields.clouds[row].single for row in rows)
+        for sum_of in self.sums.values() if beside and is_vague else ():
+            self._weigh(weights, sum_of, beside)
         return weights
 
     def _fewest(self, found: Sequence[tuple[Basin, Member]]) -> list[Member]:
@@ -188,7 +198,7 @@ class Search:
                 if other != number
             }
             best = max(fits, key=lambda other: fits[other])
-            if fits[best] >= AGREED:
+            if fits[best] > APART:
                 del kept[number]
                 basin, other = kept[best]
                 missed = np.prod([1.0 - each for each in member.given.values()])

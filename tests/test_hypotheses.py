@@ -89,6 +89,7 @@ def test_notes_are_kept_as_text() -> None:
         ({"forces": np.zeros((1, 3))}, r"forces of 'skin' have shape \(1, 3\), not \(2, 3\)"),
         ({"forces": [[0, 0, 0], [0, 0, np.nan]]}, "row 1 of the forces of 'skin'"),
         ({"spreads": [0.1, -0.1]}, "row 1 of the spreads of 'skin' is -0.1, outside"),
+        ({"spreads": [0.1, 1e300]}, r"row 1 of the spreads of 'skin' is 1e\+300, outside \[0, 1e"),
         ({"spreads": [0.1]}, r"spreads of 'skin' have shape \(1,\)"),
         ({"single": True, "likelihoods": [0.6, 0.5]}, "single contact but sum to 1.1"),
     ],

@@ -14,6 +14,7 @@ from contactfusion.integrator.nearby import (
     around,
     connected,
     labelled,
+    linked,
     near,
     nearer,
     nearest_left,
@@ -93,26 +94,49 @@ def test_connected_is_what_a_chain_of_steps_joins_over_what_is_high_enough(
 ) -> None:
     rng = np.random.default_rng(seed)
     points, values = rng.uniform(0, 0.1, (count, 3)), rng.uniform(0, 1, count)
-    start = int(values.argmax())
+    reaches, start = 0.5 * reach * rng.uniform(0.5, 1.0, count), int(values.argmax())
     values[start] = 1.0
-    found = connected(points, cell_list(points, 0.02), values, least, start, reach)
-    linked = (cdist(points, points) <= reach) & (values >= least) & (values >= least)[:, None]
-    _, labels = connected_components(csr_matrix(linked.astype(np.int8)))
+    found = connected(points, cell_list(points, 0.02), values, least, start, reaches)
+    links = cdist(points, points) <= reaches + reaches[:, None]
+    links &= (values >= least) & (values >= least)[:, None]
+    _, labels = connected_components(csr_matrix(links.astype(np.int8)))
     np.testing.assert_array_equal(found, np.flatnonzero(labels == labels[start]))
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(1, 300),
+    reach=st.sampled_from((0.0, 0.001, 0.006, 0.012, 0.02, 0.3)),
+    side=st.sampled_from((0.005, 0.02, 1.0)),
+)
+def test_linked_labels_what_chains_of_steps_join(
+    seed: int, count: int, reach: float, side: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0, 0.1, (count, 3))
+    points[count // 2 :] = points[: count - count // 2]  # equal ones, too
+    reaches = 0.5 * reach * rng.uniform(0.5, 1.0, count)
+    labels, number = linked(points, cell_list(points, side), reaches)
+    links = csr_matrix((cdist(points, points) <= reaches + reaches[:, None]).astype(np.int8))
+    expected, components = connected_components(links)
+    assert number == expected
+    np.testing.assert_array_equal(labels, components)  # both number them by their first point
 
 
 def test_what_hangs_together_with_a_low_place_is_found_with_it() -> None:
     points = np.linspace(0.0, 0.05, 6)[:, None] * [1.0, 0.0, 0.0]
     values, cells = np.array([1.0, 1.0, 0.2, 1.0, 0.0, 1.0]), cell_list(points, 0.011)
-    assert connected(points, cells, values, 0.5, 2, 0.011).tolist() == [0, 1, 2, 3]
-    assert connected(points, cells, values, 2.0, 2, 0.011).tolist() == [2]
+    reaches = np.full(6, 0.0055)
+    assert connected(points, cells, values, 0.5, 2, reaches).tolist() == [0, 1, 2, 3]
+    assert connected(points, cells, values, 2.0, 2, reaches).tolist() == [2]
 
 
 def test_a_chain_holds_while_its_steps_are_no_longer_than_its_reach() -> None:
     points = np.zeros((6, 3))
     points[:, 0] = [0.0, 0.012, 0.024, 0.0361, 0.048, 0.060]
     for start in range(6):
-        found = connected(points, cell_list(points, 0.04), np.ones(6), 0.0, start, 0.01200001)
+        reaches = np.full(6, 0.006000005)
+        found = connected(points, cell_list(points, 0.04), np.ones(6), 0.0, start, reaches)
         assert found.tolist() == ([0, 1, 2] if start < 3 else [3, 4, 5])
 
 

@@ -178,6 +178,74 @@ def test_presses_two_centimetres_apart_are_two_of_one_skin_and_of_two(spread: fl
         np.testing.assert_allclose(found, ends, atol=2.0)
 
 
+@SURFACES
+@pytest.mark.parametrize("names", ["ab", "ba"])
+def test_a_single_contact_is_not_where_another_source_has_its_own(
+    names: str, surface: Surface | None
+) -> None:
+    wrist = emit(names[0], 0.9, (-35, -20, 0), 5.0, single=True)
+    for skin in (
+        emit(names[1], 0.9, (35, 20, 0), 5.0),
+        emit(names[1], 0.9, (35, 20, 0), 5.0, single=True),
+        emit(names[1], 0.9, [(35, 20, 0), (35, -20, 0), (-35, 20, 0)], 5.0),
+    ):
+        contacts = fused(wrist, skin, surface=surface).contacts
+        assert len(contacts) == len(skin.positions) + 1
+        for contact in contacts:
+            assert contact.likelihood == pytest.approx(0.9, abs=0.01)
+            assert np.sqrt(np.linalg.eigvalsh(contact.covariance)[-1]) < 6e-3
+
+
+@pytest.mark.parametrize("kind", [REGULAR, SUPPORT])
+def test_a_precise_source_elsewhere_changes_no_contact(kind: HypothesisKind) -> None:
+    skin = emit("skin", 0.9, [(20 * number, 0, 0) for number in range(6)], 20 / 12**0.5)
+    tip = emit("tip", 0.15, (0, 900, 0), None, kind)
+    alone, beside = only(skin), only(skin, tip)
+    np.testing.assert_array_equal(beside.position, alone.position)
+    np.testing.assert_array_equal(beside.extent, alone.extent)
+    np.testing.assert_array_equal(beside.covariance, alone.covariance)
+    assert away(alone, (50, 0, 0)) < 0.1
+    assert np.ptp(alone.extent[:, 0]) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("single", [False, True])
+@pytest.mark.parametrize("surface", [None, PALM], ids=["no surface", "palm"])
+@pytest.mark.parametrize("spreads", [(5.0,) * 5, (5.0,) * 10, (3.0, 20.0)])
+def test_one_touch_is_one_contact_by_however_many_sources_with_true_spreads(
+    spreads: tuple[float, ...], surface: Surface | None, single: bool
+) -> None:
+    rng, several = np.random.default_rng(3), 0
+    for _ in range(60):
+        offsets = rng.standard_normal((len(spreads), 3)) * np.array(spreads)[:, None]
+        if surface is not None:
+            offsets[:, 2] = 0.0
+        clouds = [
+            emit(f"s{number}", 0.9, offset, spread, single=single)
+            for number, (offset, spread) in enumerate(zip(offsets, spreads, strict=True))
+        ]
+        several += len(fused(*clouds, surface=surface).contacts) > 1
+    most = 3 if surface is not None else 12 if single else 7
+    assert several <= most  # by a gate at two deviations, of 5 and 10 sources 36 and 50 in the air
+
+
+@pytest.mark.parametrize("pitch", [2.0, 3.0, 4.0, 5.0, 8.0])
+@pytest.mark.parametrize("shift", [0.0, 1.3, 2.6, 3.9])
+def test_a_face_on_a_dense_skin_is_one_wherever_voxels_end(pitch: float, shift: float) -> None:
+    face = np.array([(x, y, 0.1) for x in range(6) for y in range(3)]) * (pitch, pitch, 1.0)
+    contact = only(emit("skin", 0.9, face + (shift, shift, 0.0), pitch / 12**0.5))
+    assert away(contact, face.mean(axis=0) + (shift, shift, 0.0)) < 2.5
+    assert np.ptp(contact.extent[:, 0]) * 1e3 == pytest.approx(5 * pitch, abs=3.0)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.3, 2.6, 3.9])
+@pytest.mark.parametrize("apart", [8.0, 9.9])
+def test_taps_further_apart_than_voxels_are_unsure_are_two_wherever_voxels_end(
+    shift: float, apart: float
+) -> None:
+    found = places(fused(emit("skin", 0.8, [(shift, 0, 0), (shift + apart, 0, 0)], None)))
+    np.testing.assert_allclose(found[:, 0], (shift, shift + apart), atol=0.01)
+
+
 def test_each_of_very_many_skins_makes_its_own_contact() -> None:
     places_of_skins = [(30 * i, 30 * j, 0) for i in range(20) for j in range(10)]
     clouds = [emit(f"skin_{n:03d}", 0.9, place) for n, place in enumerate(places_of_skins)]

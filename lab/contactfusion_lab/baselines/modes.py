@@ -133,12 +133,13 @@ def _mode(
     """
     heavy = np.flatnonzero(weights >= HEAVY * weights.max())
     some = np.flatnonzero(weights >= FAINT * weights.max())
-    tops, cells = places[heavy], cell_list(places[heavy], fields.TILE)
+    tops, cells = places[heavy], cell_list(places[heavy], max(fields.TILE, scale * LINK))
     densities = np.empty(len(heavy))
     widths = np.full(len(some), (scale * WIDTH) ** 2)
     fields.kernel_density(tops, cells, places[some], weights[some], widths, True, 0.0, densities)
     densest = int(np.round(densities / densities.max(), 6).argmax())  # the first of equals
-    joined = connected(tops, cells, weights[heavy], 0.0, densest, scale * LINK)
+    reaches = np.full(len(tops), 0.5 * scale * LINK)
+    joined = connected(tops, cells, weights[heavy], 0.0, densest, reaches)
     core, heights = tops[joined], weights[heavy][joined]
     cells = cell_list(core, fields.TILE)
     basin = heaviest(places, core, cells, heights, scale * BASIN) > 0.0
