@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from contactfusion_lab.trials.executor import Executor
 
 Seed = Annotated[int, typer.Option(min=0, help="Random seed.")]
-Workers = Annotated[int, typer.Option(min=1, help="Number of processes.")]
+Workers = Annotated[int | None, typer.Option(min=1, show_default="2", help="Number of processes.")]
 Executed = Annotated[
     str,
     typer.Option(
@@ -45,7 +45,7 @@ train = typer.Typer(
 )  # fmt: skip
 
 
-def _executor(name: str, workers: int, scheduler: str) -> "Executor":
+def _executor(name: str, workers: int | None, scheduler: str) -> "Executor":
     """The workers that the options name.
 
     Raises:
@@ -53,6 +53,8 @@ def _executor(name: str, workers: int, scheduler: str) -> "Executor":
         DependencyError: distributed is not installed.
     """
     if name == "dask":
+        if workers is not None:
+            raise ConfigurationError("--executor dask has the workers of its scheduler", "workers")
         from contactfusion_lab.trials.cluster import Dask
 
         return Dask(scheduler)
@@ -64,7 +66,7 @@ def _executor(name: str, workers: int, scheduler: str) -> "Executor":
         )
     if scheduler:
         raise ConfigurationError("only --executor dask has a scheduler", "scheduler")
-    return Local(workers)
+    return Local(workers or 2)
 
 
 def _preset(name: str) -> str:
@@ -121,7 +123,7 @@ def tune_push(
         ),
     ] = False,
     seed: Seed = 0,
-    workers: Workers = 2,
+    workers: Workers = None,
     executor: Executed = "local",
     scheduler: Scheduler = "",
     out: Out = Path("out/tune"),
@@ -171,7 +173,7 @@ def train_cpm(
     stride: Annotated[int, typer.Option(min=1, help="An epoch uses every N-th window.")] = 4,
     preset: PresetName = "",
     seed: Seed = 0,
-    workers: Workers = 2,
+    workers: Workers = None,
     executor: Executed = "local",
     scheduler: Scheduler = "",
     out: Out = Path("out/cpm"),
@@ -246,7 +248,7 @@ def experiment_touch(
     faults: Faults = None,
     preset: PresetName = "",
     seed: Seed = 0,
-    workers: Workers = 2,
+    workers: Workers = None,
     executor: Executed = "local",
     scheduler: Scheduler = "",
     draw: Annotated[
@@ -302,7 +304,7 @@ def experiment_press(
     ] = 1,
     free: Annotated[float, typer.Option(min=0.0, help="Minutes of free motion of each arm.")] = 1.0,
     seed: Seed = 0,
-    workers: Workers = 2,
+    workers: Workers = None,
     executor: Executed = "local",
     scheduler: Scheduler = "",
     out: Out = Path("out/press"),
@@ -379,7 +381,7 @@ def experiment_push(
     faults: Faults = None,
     preset: PresetName = "",
     seed: Seed = 0,
-    workers: Workers = 2,
+    workers: Workers = None,
     executor: Executed = "local",
     scheduler: Scheduler = "",
     record: Annotated[
@@ -441,7 +443,7 @@ def experiment_grasp(
     noise: Noise = None,
     faults: Faults = None,
     seed: Seed = 0,
-    workers: Workers = 2,
+    workers: Workers = None,
     executor: Executed = "local",
     scheduler: Scheduler = "",
     record: Annotated[

@@ -178,6 +178,10 @@ def test_where_nothing_answers_a_sentence_names_the_address_in_seconds(
         (("--executor", "dask"), "such as tcp://HOST:8786, not ''"),
         (("--executor", "dask", "--scheduler", "tcp://host"), "tcp://HOST:8786, not 'tcp://host'"),
         (("--executor", "dsk"), "unknown executor 'dsk'; did you mean 'dask'"),
+        (
+            ("--executor", "dask", "--scheduler", "tcp://host:8786", "--workers", "4"),
+            "workers: --executor dask has the workers of its scheduler",
+        ),
         (("--scheduler", "tcp://host:8786"), "scheduler: only --executor dask has a scheduler"),
     ],
 )

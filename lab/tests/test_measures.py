@@ -1,5 +1,7 @@
 """Figures with their intervals; cases compared by paired tests, and corrections of several."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -180,6 +182,35 @@ def test_the_interval_of_a_square_is_not_moved_by_the_variance_of_what_is_drawn(
     assert moved[0] == value
     assert low - moved[1] == pytest.approx(high - moved[2])
     assert low - moved[1] == pytest.approx(variance, rel=0.1)
+
+
+@given(st.integers(2, 40), st.integers(1, 30), st.data())
+def test_copies_of_a_hit_say_no_more_than_it_alone(count: int, copies: int, data: Any) -> None:
+    hits = np.array(data.draw(st.lists(st.booleans(), min_size=count, max_size=count)))
+    groups = np.repeat(np.arange(count), copies)
+    once, repeated = proportion(hits, np.arange(count)), proportion(hits.repeat(copies), groups)
+    np.testing.assert_allclose(repeated, once)
+    share, low, high = once
+    alone = proportion(hits)
+    assert low <= alone[1] + 1e-12
+    assert high >= alone[2] - 1e-12
+    assert 0.0 <= low <= share <= high <= 1.0
+    if share in (0.0, 1.0):
+        assert once == pytest.approx(alone)
+
+
+def test_the_interval_of_a_proportion_over_groups_holds_the_truth_as_often_as_it_says() -> None:
+    rng, size, runs = np.random.default_rng(5), 20, 400
+    covered = {"grouped": 0, "independent": 0}
+    for _ in range(runs):
+        chances = rng.beta(4.0, 1.0, 25)  # 0.8 in the mean
+        hits = rng.random((25, size)) < chances[:, None]
+        groups = np.repeat(np.arange(25), size)
+        for name, owners in (("grouped", groups), ("independent", None)):
+            _, low, high = proportion(hits.ravel(), owners)
+            covered[name] += low <= 0.8 <= high
+    assert 0.92 <= covered["grouped"] / runs <= 0.98
+    assert covered["independent"] / runs < 0.75  # what is grouped is not independent
 
 
 def test_of_nothing_there_is_no_figure() -> None:

@@ -89,9 +89,13 @@ def test_a_hand_without_room_is_refused() -> None:
 def test_motions_last_as_long_as_was_asked_and_pass_every_object() -> None:
     motions = PLAN.motions(["box", "sprayer"], 0.5)
     assert [(each.name, each.target) for each in motions] == [
-        ("free-000", "box"), ("free-001", "sprayer"), ("free-002", "box")
+        ("free-box-000", "box"), ("free-sprayer-001", "sprayer"), ("free-box-002", "box")
     ]  # fmt: skip
     assert PLAN.motions(["box", "sprayer"], 1.0)[:3] == motions
+    further = PLAN.motions(["box", "sprayer", "mug"], 0.5)  # a folder takes further objects
+    assert {each.name for each in further} & {each.name for each in motions} == {
+        each.name for each in further if each in motions
+    }
     assert len({each.seed for each in motions}) == 3
     assert PLAN.motions(["box"], 0.0) == [] and len(PLAN.motions(["box"], 0.001)) == 1
     assert SECONDS * len(PLAN.motions(["box"], 2.0)) == 120.0
@@ -163,9 +167,9 @@ def test_a_motion_is_a_trial_of_the_experiment(
     assert back.record.end == pytest.approx(1.0)
     assert content_of_free(run_free(plan, task)) == (tmp_path / "one.npz").read_bytes()
     run_touch(replace(SMALL, free=0.1), tmp_path / "out")
-    assert (tmp_path / "out" / "trials" / "free-000.npz").is_file()
+    assert (tmp_path / "out" / "trials" / "free-box-000.npz").is_file()
     rows = pd.read_csv(tmp_path / "out" / "free.csv")
-    assert set(rows["motion"]) == {"free-000"} and set(rows["method"]) == {str(DE_MORGAN)}
+    assert set(rows["motion"]) == {"free-box-000"} and set(rows["method"]) == {str(DE_MORGAN)}
     assert "free motion | alarms a minute" in (tmp_path / "out" / "table.md").read_text()
 
 

@@ -49,7 +49,7 @@ def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
         asked = split == "grid points left out"
         measures += _errors(split, located, places, point, asked)
         if asked:
-            measures += _coverage(split, located, places, sigma)
+            measures += _coverage(split, located, places, sigma, point)
             measures += _errors(f"{split}, mean of nearest", baseline, places, point, False)
             _draw(located, places, out / "eflesh.png")
     return measures
@@ -153,7 +153,7 @@ def _errors(
     tail = grouped(errors[known], p90, point[known], rng)
     n = int(known.sum())
     return [
-        Measure(NAME, case, "contact reported", *proportion(known), "", len(known)),
+        Measure(NAME, case, "contact reported", *proportion(known, point), "", len(known)),
         Measure(
             NAME, case, "location error p50", *middle, "m", n, 0.001 if asked else None, "less"
         ),
@@ -162,19 +162,23 @@ def _errors(
 
 
 def _coverage(
-    case: str, located: FloatArray, places: FloatArray, sigma: FloatArray
+    case: str,
+    located: FloatArray,
+    places: FloatArray,
+    sigma: FloatArray,
+    point: NDArray[np.intp],
 ) -> list[Measure]:
     """Coverage of one and two stated standard deviations, by axis."""
     offsets = np.abs(located - places[:, :2])
-    offsets = offsets[np.isfinite(offsets).all(axis=1)]
-    sigma = sigma[np.isfinite(located).all(axis=1), None]
+    known = np.isfinite(offsets).all(axis=1)
+    points = np.repeat(point[known], 2)
     measures = []
     for times, ideal in ((1.0, 0.68), (2.0, 0.95)):
-        within = (offsets <= times * sigma).ravel()
+        within = (offsets <= times * sigma[:, None])[known].ravel()
         note = f"{ideal:g} were ideal"
         metric = f"truth within {times:g} stated σ"
         measures.append(
-            Measure(NAME, case, metric, *proportion(within), "", len(within), note=note)
+            Measure(NAME, case, metric, *proportion(within, points), "", len(within), note=note)
         )
     return measures
 

@@ -404,14 +404,14 @@ def _measures(
 ) -> Iterator[Measure]:
     """The figures of one case, with intervals over scripts."""
     seeds = [seed for seed, _ in rows]
-    right = np.concatenate([each.right for _, each in rows]).astype(float)
+    right = np.concatenate([each.right for _, each in rows])
     owners = np.repeat(seeds, [len(each.right) for _, each in rows])
-    value, low, high = grouped(right, lambda part: float(part.mean()), owners, rng)
+    value, low, high = proportion(right, owners)
     yield Measure("feet", case, "steps right", value, low, high, "", len(right))
     for what in ("made", "broken"):
         delays = np.array([delay for _, each in rows for delay in getattr(each, what)])
         groups = [seed for seed, each in rows for _ in getattr(each, what)]
-        share, low, high = proportion(np.isfinite(delays))
+        share, low, high = proportion(np.isfinite(delays), groups)
         yield Measure("feet", case, f"{what}: found", share, low, high, "", len(delays))
         for name, statistic in (("p50", p50), ("p90", p90)):
             found = np.where(np.isfinite(delays), delays, 9.0)

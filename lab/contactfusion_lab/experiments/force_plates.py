@@ -83,9 +83,9 @@ def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
     measures, lateral, moments = [], [], []
     for plate in PLATES:
         along, across, length = foot_coordinates(walk, plate, found[plate])
-        measures += _places(plate, found[plate], along, across, length)
-        lateral.append(np.abs(across))
         moments.append(_moments(walk, found[plate]))
+        measures += _places(plate, found[plate], along, across, length, moments[-1])
+        lateral.append(np.abs(across))
     measures += _lateral("both plates", np.concatenate(lateral), np.concatenate(moments), 0.004)
     for plate, errors, groups in zip(PLATES, lateral, moments, strict=True):
         measures += _lateral(plate, errors, groups, None)
@@ -209,16 +209,28 @@ def both_feet(walk: Walk, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
 
 
 def _places(
-    plate: str, found: Found, along: FloatArray, across: FloatArray, length: FloatArray
+    plate: str,
+    found: Found,
+    along: FloatArray,
+    across: FloatArray,
+    length: FloatArray,
+    moments: FloatArray,
 ) -> list[Measure]:
     inside = (along >= 0.0) & (along <= length + BEYOND_TOE) & (np.abs(across) <= HALF_WIDTH)
     detected = np.isfinite(found.places[:, 0])
     n = len(found.rows)
     note = "an unreported contact counts as outside"
     return [
-        Measure(NAME, plate, "contact reported", *proportion(detected), "", n),
+        Measure(NAME, plate, "contact reported", *proportion(detected, moments), "", n),
         Measure(
-            NAME, plate, "contact inside the foot", *proportion(inside), "", n, 0.99, note=note
+            NAME,
+            plate,
+            "contact inside the foot",
+            *proportion(inside, moments),
+            "",
+            n,
+            0.99,
+            note=note,
         ),
     ]
 
@@ -240,13 +252,13 @@ def _lateral(
 
 def _flags(walk: Walk, found: dict[str, Found]) -> list[Measure]:
     crowded = found[CROWDED]
-    both = both_feet(walk, crowded.rows)
+    both, moments = both_feet(walk, crowded.rows), _moments(walk, crowded)
     measures = [
         Measure(
             NAME,
             CROWDED,
             "flagged while two feet stand on it",
-            *proportion(crowded.flagged[both]),
+            *proportion(crowded.flagged[both], moments[both]),
             "",
             int(both.sum()),
             note="by the events of the recording",
@@ -255,7 +267,7 @@ def _flags(walk: Walk, found: dict[str, Found]) -> list[Measure]:
             NAME,
             CROWDED,
             "flagged while one foot stands on it",
-            *proportion(crowded.flagged[~both]),
+            *proportion(crowded.flagged[~both], moments[~both]),
             "",
             int((~both).sum()),
             better="less",
@@ -268,7 +280,7 @@ def _flags(walk: Walk, found: dict[str, Found]) -> list[Measure]:
                 NAME,
                 plate,
                 "flagged although one foot stands on it",
-                *proportion(flagged),
+                *proportion(flagged, _moments(walk, found[plate])),
                 "",
                 len(flagged),
                 better="less",
@@ -278,6 +290,7 @@ def _flags(walk: Walk, found: dict[str, Found]) -> list[Measure]:
 
 
 def _moments(walk: Walk, found: Found) -> FloatArray:
+    """By sample, the moment that it depends on: an interval is over these."""
     moments: FloatArray = np.floor(walk.stamps[found.rows] / MOMENT)
     return moments
 

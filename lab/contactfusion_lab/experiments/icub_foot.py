@@ -468,19 +468,19 @@ def track_measures(case: str, track: Track) -> list[Measure]:
     rng, errors = np.random.default_rng(0), track.errors
     known = np.isfinite(errors)
     n, asked = int(known.sum()), ASKED if "dead" in case else None
-    measures = [Measure(NAME, case, "contact reported", *proportion(known), "", len(errors))]
+    blocks, note = np.floor(track.stamps / BLOCK), f"intervals over blocks of {BLOCK} s"
+    reported = proportion(known, blocks)
+    measures = [Measure(NAME, case, "contact reported", *reported, "", len(errors), note=note)]
     if not n:
         return measures
-    groups = np.floor(track.stamps[known] / BLOCK)
-    note = f"intervals over blocks of {BLOCK} s"
+    groups = blocks[known]
     for metric, statistic, least in (("p50", p50, asked), ("p90", p90, None)):
         figures = grouped(errors[known], statistic, groups, rng)
         measures.append(
             Measure(NAME, case, f"error {metric}", *figures, "m", n, least, "less", note)
         )
     for share in (0.68, 0.95):
-        inside = track.within(share).astype(np.float64)
-        figures = grouped(inside, lambda values: float(values.mean()), groups, rng)
+        figures = proportion(track.within(share), groups)
         metric = f"judge within {share:.0%} ellipse"
         measures.append(Measure(NAME, case, metric, *figures, "", n, note=note))
     return measures

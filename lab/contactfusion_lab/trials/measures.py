@@ -8,8 +8,10 @@ from zlib import crc32
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import binomtest, bootstrap, rankdata, wilcoxon
+from scipy.stats import binomtest, bootstrap, norm, rankdata, wilcoxon
+from scipy.stats import t as student
 from statsmodels.stats.multitest import multipletests
+from statsmodels.stats.proportion import proportion_confint
 
 from contactfusion.arrays import FloatArray
 
@@ -68,13 +70,35 @@ class Measure:
         )
 
 
-def proportion(hits: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """A proportion with its Wilson interval; NaN of nothing."""
-    n, k = len(hits), int(hits.sum())
+def proportion(
+    hits: NDArray[np.bool_], groups: Sequence[object] | NDArray[np.generic] | None = None
+) -> tuple[float, float, float]:
+    """A proportion with its Wilson interval; NaN of nothing.
+
+    Args:
+        hits: shape (n,).
+        groups: shape (n,), hits of one group depend on each other; None: all are independent. The
+            interval is that of an effective number of independent hits: as many as would give the
+            proportion the variance that the groups give it, fewer where few groups tell it (Korn &
+            Graubard 1998; Dean & Pagano 2015), or, where all hits are alike, as there are groups.
+    """
+    n = len(hits)
     if not n:
         return np.nan, np.nan, np.nan
-    interval = binomtest(k, n).proportion_ci(CONFIDENCE, "wilson")
-    return k / n, float(interval.low), float(interval.high)
+    share, effective = float(np.mean(hits)), float(n)
+    if groups is not None:
+        number = np.unique(np.asarray(groups), return_inverse=True)[1].ravel()
+        deviations = np.bincount(number, hits - share)
+        count = len(deviations)
+        if share in (0.0, 1.0) or count == 1:
+            effective = float(count)
+        elif variance := float(np.square(deviations).sum()) * count / (count - 1) / n**2:
+            quantile = 0.5 + CONFIDENCE / 2.0
+            known = float(norm.ppf(quantile) / student.ppf(quantile, count - 1)) ** 2
+            effective = min(share * (1.0 - share) / variance * known, float(n))
+    ends = proportion_confint(share * effective, effective, 1.0 - CONFIDENCE, "wilson")
+    low, high = np.asarray(ends, np.float64).tolist()
+    return share, min(max(low, 0.0), share), max(min(high, 1.0), share)
 
 
 def grouped(

@@ -1,6 +1,5 @@
 """Alarms in free motion: contacts that are reported where there is none, by row and method."""
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +10,7 @@ import pandas as pd
 from scipy.stats import chi2
 
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.terminal import Progress
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch.course import reports
 from contactfusion_lab.experiments.touch.rows import ROWS, everything
@@ -61,8 +61,11 @@ def alarms_of(
         One row a motion, row and method; ROW, METHOD is the case.
     """
     tasks = {path.name: path for path in files}
-    found = ordered(partial(_alarms_of, methods=methods, config=config), tasks, executor)
-    frame = frame_of(itertools.chain.from_iterable(found), Alarms)
+    found, progress = list[Alarms](), Progress("free motions fused", len(files))
+    for alarms in ordered(partial(_alarms_of, methods=methods, config=config), tasks, executor):
+        found += alarms
+        progress.add(1)
+    frame = frame_of(found, Alarms)
     return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
 
 

@@ -82,7 +82,7 @@ class Free:
     @property
     def name(self) -> str:
         """Name of the motion and of its file."""
-        return f"free-{self.number:03d}"
+        return f"free-{self.target}-{self.number:03d}"
 
 
 @dataclass(frozen=True)

@@ -139,16 +139,15 @@ def _link_measures(runs: Sequence[Run]) -> Iterator[Measure]:
         motors.append(Motors.learned([other for other in runs if other is not run]))
         found.append(located(run, motors[-1]))
         groups += [number] * len(found[-1].held)
-    rng = np.random.default_rng(0)
-    held = np.concatenate([each.held for each in found]).astype(np.float64)
+    held = np.concatenate([each.held for each in found])
     sizes = np.concatenate([each.sizes for each in found]).astype(np.float64)
     n, note = len(held), "none claimed counts as not held; intervals over runs"
-    share = grouped(held, _mean, groups, rng)
+    share = proportion(held, groups)
     yield Measure(NAME, case, "90 % set holds the tool", *share, "", n, 0.95, note=note)
     claimed, of_runs = sizes > 0.0, np.array(groups)
-    middle = grouped(sizes[claimed], p50, of_runs[claimed], rng)
+    middle = grouped(sizes[claimed], p50, of_runs[claimed], np.random.default_rng(0))
     yield Measure(NAME, case, "links in the set, p50", *middle, "", int(claimed.sum()), 2.0, "less")
-    none = grouped((~claimed).astype(np.float64), _mean, groups, rng)
+    none = proportion(~claimed, groups)
     yield Measure(NAME, case, "no link claimed", *none, "", n, None, "less")
     constants = np.array([each.constants for each in motors])
     note = f"range over the {len(runs)} times that a run is left out"
@@ -163,10 +162,6 @@ def _link_measures(runs: Sequence[Run]) -> Iterator[Measure]:
 def _apart(values: FloatArray) -> float:
     """How far the median is from 0."""
     return abs(p50(values))
-
-
-def _mean(values: FloatArray) -> float:
-    return float(values.mean())
 
 
 def _draw(runs: Sequence[Run], alarms: dict[str, Alarm], path: Path) -> None:
