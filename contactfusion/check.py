@@ -18,6 +18,7 @@ from contactfusion.assembly import (
 )
 from contactfusion.errors import ConfigurationError, ContactFusionError, PluginError, name_hint
 from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
+from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import NOT_OURS, PipelineConfig, pipeline_fields
 from contactfusion.readings import Reading
@@ -184,6 +185,9 @@ class _Checking:
             gives = ", ".join(f"'{source}' ({kind})" for source, kind in generator.sources.items())
             kind = config.generators[name]["type"]
             yield f"generator '{name}' ({kind}): {kinds}{whose} -> {gives}"
+        given = {kind for each in pipeline.generators.values() for kind in each.sources.values()}
+        if given and HypothesisKind.REGULAR not in given:
+            yield "no generator gives evidence (regular): what is support or null makes no contact"
         points = 0
         if config.robot is not None:
             model = self._robot()

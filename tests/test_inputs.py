@@ -1,3 +1,4 @@
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -56,6 +57,15 @@ def test_a_name_that_ros_does_not_allow_is_found_as_ros_has_it() -> None:
     topics = {"left_skin": TactileImage, "right_skin": TactileImage}
     inputs = found(topics, **{"left-skin": {"type": "tactile"}, "right-skin": {"type": "tactile"}})
     assert inputs.sensors == {"left_skin": "left_skin", "right_skin": "right_skin"}
+
+
+def test_a_misspelt_sensor_takes_no_name_for_which_steps_wait() -> None:
+    sentence = (
+        "generators.wrist.sensor: no topic is called 'schell', and the only Wrench is 'shell', "
+        "for which steps wait (`cycle.on`): did you mean that?"
+    )
+    with pytest.raises(ConfigurationError, match=re.escape(sentence)):
+        find_inputs({"shell": Wrench}, {"wrist": {**WRIST, "sensor": "schell"}}, {}, on="shell")
 
 
 def test_several_topics_that_fit_are_listed_and_one_is_asked_for() -> None:

@@ -383,6 +383,16 @@ def test_broken_numpy_files_are_refused(tmp_path: Path) -> None:
         ("0,1.5\n1,2.5\n2,-", SKIN, "holds '-', not a number; the file is cut off there"),
         ("0,1\n,2\n", SKIN, "row 2: nan s is no stamp"),
         ("1743486221590,1\n", SKIN, "is no stamp; is the column right, and its unit?"),
+        (
+            "1700000000000000000,1\n1700000000010000000,1\n",
+            SKIN,
+            "row 1: 1.7e+18 s is no stamp; `unit` is s: did you mean ns?",
+        ),
+        (
+            "0,1\n3000000000,1\n6000000000,1\n",
+            SKIN,
+            "row 3: 6000000000.0 s is no stamp; `unit` is s: did you mean ns?",
+        ),
         ("0,1\n", {**SKIN, "columns": 3}, "has columns 1 to 2, not 3"),
         ("0,1\n", {**SKIN, "columns": "p"}, "has no header that names column 'p'"),
         ("t,p,p\n0,1,1\n", {**SKIN, "columns": "p"}, "has 2 columns 'p'"),

@@ -146,8 +146,8 @@ class Status:
         took = np.array(self._stream.took or [0.0])
         return {
             "rate": round((len(self._stepped) - 1) / span, 2) if span else 0.0,
-            "took": round(1e3 * float(np.median(took)), 3),
-            "slowest": round(1e3 * float(np.quantile(took, 0.99)), 3),
+            "took": round(float(np.median(took)), 6),
+            "slowest": round(float(np.quantile(took, 0.99)), 6),
             "overruns": self._stream.overruns,
         }
 

@@ -359,9 +359,12 @@ def _nanoseconds(column: NDArray[np.longdouble], time: TimeConfig, source: Path)
     good = np.abs(scaled) <= LONGEST_SECONDS * NANOSECONDS_PER_SECOND
     if not good.all():
         row = int(np.argmin(good))
+        steps = np.abs(np.diff(column[np.isfinite(column)]))
+        apart = float(np.median(steps)) if len(steps) else 0.0
+        step = apart * NANOSECONDS[time.unit] / NANOSECONDS_PER_SECOND
+        hint = _unit_meant(step, time) if step > SLOW else "is the column right, and its unit?"
         raise RecordingError(
-            f"{source}, row {row + 1}: {column[row]} {time.unit} is no stamp; "
-            f"is the column right, and its unit?"
+            f"{source}, row {row + 1}: {column[row]} {time.unit} is no stamp; {hint}"
         )
     return np.rint(scaled).astype(np.int64)
 

@@ -144,6 +144,12 @@ class _Finding:
             self.missing.append(f"generators.{name}: {self._absence(role, kinds, options)}")
             return {**options, "sensor": role}  # it takes no other's
         if sensor and role not in self.chosen and topic not in _names(role):
+            if self.on is not None and topic in _names(self.on):  # it would lose that name
+                raise ConfigurationError(
+                    f"no topic is called '{sensor}', and the only {_named(kinds)} is '{self.on}', "
+                    f"for which steps wait (`cycle.on`): did you mean that?",
+                    f"generators.{name}.sensor",
+                )
             self.taken.append(
                 f"generators.{name}: no topic is called '{sensor}', so /{topic} feeds it, the only "
                 f"{_named(kinds)}"
