@@ -18,7 +18,6 @@ from contactfusion.assembly import (
 )
 from contactfusion.errors import ConfigurationError, ContactFusionError, PluginError, name_hint
 from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
-from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import NOT_OURS, PipelineConfig, pipeline_fields
 from contactfusion.readings import Reading
@@ -27,7 +26,12 @@ from contactfusion.recordings.opening import open_recording
 from contactfusion.run.configuration import RunConfig, Setting, setting_of_file
 from contactfusion.run.joining import joined
 from contactfusion.run.session import Session, stream_of
-from contactfusion.run.summary import NO_GENERATORS, refused_at_once
+from contactfusion.run.summary import (
+    NO_EVIDENCE,
+    NO_GENERATORS,
+    lacks_evidence,
+    refused_at_once,
+)
 from contactfusion.stream import Stream
 
 SLACK = 0.1
@@ -185,9 +189,8 @@ class _Checking:
             gives = ", ".join(f"'{source}' ({kind})" for source, kind in generator.sources.items())
             kind = config.generators[name]["type"]
             yield f"generator '{name}' ({kind}): {kinds}{whose} -> {gives}"
-        given = {kind for each in pipeline.generators.values() for kind in each.sources.values()}
-        if given and HypothesisKind.REGULAR not in given:
-            yield "no generator gives evidence (regular): what is support or null makes no contact"
+        if lacks_evidence(pipeline):
+            yield NO_EVIDENCE
         points = 0
         if config.robot is not None:
             model = self._robot()

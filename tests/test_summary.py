@@ -15,7 +15,7 @@ from contactfusion.integrator.sources import Report, SourceReport
 from contactfusion.loop import play
 from contactfusion.pipeline_config import CycleConfig
 from contactfusion.readings import DepthImage, ObjectPose, Reading
-from contactfusion.run.summary import Summary, refuse
+from contactfusion.run.summary import NO_EVIDENCE, Summary, refuse
 from tests.toys import offer_toys, point, wrench
 
 PLACE = (0.1, 0.0, 0.0)
@@ -123,6 +123,13 @@ def test_a_prediction_that_has_nothing_to_say_is_no_complaint() -> None:
     pose = ObjectPose(stamp=0.0, frame="base", name="cup", position=np.zeros(3),
                       orientation=np.array([0.0, 0.0, 0.0, 1.0]))  # fmt: skip
     assert ran([pose], generators={"seen": {"type": "follower"}})[1] == []
+
+
+def test_a_run_without_any_evidence_says_so() -> None:
+    support, _ = ran([image(0.0)], generators={"seen": {"type": "follower"}})
+    evidence, _ = ran(points("b"), generators=ECHO)
+    assert f"  {NO_EVIDENCE}" in support.lines()
+    assert not any(NO_EVIDENCE in line for line in evidence.lines())
 
 
 def test_a_sensor_that_is_silenced_by_a_fault_is_no_complaint() -> None:

@@ -26,6 +26,7 @@ from contactfusion.readings.registry import installed_kinds
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN, EventKind.DISAGREES)
 """What is worth a sentence at the end."""
 NO_GENERATORS = "generators: none are configured, so nothing can be found"
+NO_EVIDENCE = "no generator gives evidence (regular): what is support or null makes no contact"
 CAUSES: dict[str, str] = {
     Note.MORE_THAN_ONE_CONTACT: "tare?",
     Note.OFF_SURFACE: "is the surface that of what is touched, and the sign right?",
@@ -267,6 +268,8 @@ class Summary:
             given, looked = self._pipeline.given[name], self._looked(generator)
             if 0 < 2 * looked < given and HypothesisKind.REGULAR in generator.sources.values():
                 yield f"  {name}: {given - looked} of {given} readings gave no cloud"
+        if lacks_evidence(self._pipeline):
+            yield f"  {NO_EVIDENCE}"
         for sensor, kind in self.tally.kinds:
             codec = installed_kinds().of(kind)
             is_context = codec is not None and codec.role is not Role.SENSED
@@ -373,6 +376,12 @@ def _force(contact: Contact) -> str:
         return ""
     x, y, z = np.round(contact.force, 1) + 0.0  # no -0
     return f", force ({x:.1f}, {y:.1f}, {z:.1f}) N"
+
+
+def lacks_evidence(pipeline: Pipeline) -> bool:
+    """Whether a pipeline has generators, and none of their sources is evidence."""
+    kinds = {kind for each in pipeline.generators.values() for kind in each.sources.values()}
+    return bool(kinds) and HypothesisKind.REGULAR not in kinds
 
 
 def refused_at_once(pipeline: Pipeline, readings: Iterable[Reading]) -> Iterator[str]:
