@@ -268,6 +268,20 @@ def test_joints_take_the_names_of_the_robot_that_is_named(
     assert reading.velocities is None and reading.efforts is not None
 
 
+def test_columns_called_like_the_joints_of_the_robot_hold_their_positions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, urdf = tmp_path / "arm.yaml", Path(robot().config.urdf)
+    path = table(tmp_path / "arm.csv", ["t", *SIX, *reversed(ARM)])
+    assert inspect_table(path).joints is None
+    write_first(path, out, robot=urdf)
+    printed = capsys.readouterr().out
+    assert f"{ARM[-1]} to {ARM[0]} are joints of {urdf} by their names" in printed
+    assert f"next: give {out} a generator, of those in its comments" in printed
+    arm = yaml.safe_load(out.read_text())["recording"]["readings"]["joints"]
+    assert arm["names"] == [*reversed(ARM)] and arm["holds"] == ["positions"]
+
+
 def test_columns_hold_positions_and_each_value_at_most_once() -> None:
     wrong: list[Any] = [["efforts"], ["positions", "positions"]]
     for holds in wrong:

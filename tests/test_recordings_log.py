@@ -310,6 +310,14 @@ def test_several_files_are_merged_by_their_stamps(tmp_path: Path) -> None:
     ]
 
 
+def test_of_one_stamp_the_joints_come_before_what_they_place(tmp_path: Path) -> None:
+    joints = {"type": "joint_state", "frame": "base", "names": ["a"], "columns": [2]}
+    rows = log(tmp_path, HEADER + "0,1,2,3,4,5,6\n1,1,2,3,4,5,6\n",
+               readings={"force": WRIST, "joints": joints})  # fmt: skip
+    assert [type(each) for each in readings(rows)] == [JointState, Wrench] * 2
+    assert [*rows.topics] == ["force", "joints"]
+
+
 def test_the_stamps_of_one_file_serve_another_row_by_row(tmp_path: Path) -> None:
     (tmp_path / "clock.csv").write_text("stamp\n5\n6\n")
     time = {"file": "clock.csv", "column": "stamp"}

@@ -208,7 +208,8 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
 
 def _of_table(path: Path, out: Path, robot: Path | None) -> _First:
     """A first configuration of a table; what its columns leave open is a blank."""
-    table, remarks = inspect_table(path), list[str]()
+    moved = RobotModel(RobotConfig(urdf=str(robot))).joint_names if robot else ()
+    table, remarks = inspect_table(path, moved), list[str]()
     if table.joints:
         table, remark = _of_joints(table, table.joints, robot)
         remarks.append(remark)
@@ -260,6 +261,8 @@ def _of_joints(
             f"{table.path} holds {count} joints ({found}), and {robot} has "
             f"{', '.join(known) or 'none'}"
         )
+    if joints.names:
+        return table, f"{held} are joints of {robot} by their names"
     named = replace(joints, names=tuple(names))
     return replace(table, joints=named), f"{held} are taken to be {', '.join(names)}, in this order"
 
@@ -329,7 +332,8 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
             lines += [f"# {use.sensor} is left out: {use.left_out}"]
             lines += (f"# {line}" for line in indented(use.lines))
     lines += ["", *integrator_lines(space)]
-    then = held.play if active else f"give {out} a generator, of those in its comments"
+    evidence = [use for use in active if not any("type: motion" in line for line in use.lines)]
+    then = held.play if evidence else f"give {out} a generator, of those in its comments"
     return _First(_joined(lines), then, tuple(remarks), text)
 
 

@@ -61,14 +61,18 @@ class JointColumns:
                 yield column, f"{singular[kind]} of {joint} [{UNITS[kind]}]"
 
 
-def joint_columns(names: Sequence[Column]) -> JointColumns | None:
+def joint_columns(names: Sequence[Column], robot: Sequence[str] = ()) -> JointColumns | None:
     """The joints that columns hold: positions, and the velocities and efforts of the same joints.
 
     Of several arms it is the first; of several efforts one that a driver is known to report.
 
     Args:
         names: of the columns, in their order.
+        robot: the joints of the robot that they move, where it is known: columns with their names
+            are positions.
     """
+    if called := tuple(str(name) for name in names if name in robot):
+        return JointColumns("joints", called, called, (), ())
     held = _groups(names)
     arms = (key for key, found in held.items() if key[0] == "positions" and _whole(found))
     if (arm := next(arms, None)) is None:

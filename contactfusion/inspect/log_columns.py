@@ -106,11 +106,12 @@ class TableInspection:
         return self.stamps is not None and bool(self.wrenches or self.joints) and named
 
 
-def inspect_table(path: Path) -> TableInspection:
+def inspect_table(path: Path, robot: Sequence[str] = ()) -> TableInspection:
     """The columns of a table, and the meaning of their names.
 
     Args:
         path: a file as `type: log` takes it.
+        robot: the joints of the robot that it moves, where it is known.
 
     Raises:
         RecordingError: it holds no table.
@@ -118,7 +119,7 @@ def inspect_table(path: Path) -> TableInspection:
     columns = _numbers(path)
     stamps = next(filter(None, (_stamps(name, values) for name, values in columns.items())), None)
     numbers = [name for name, values in columns.items() if values is not None]
-    wrenches, joints = _wrenches(path, numbers), joint_columns(numbers)
+    wrenches, joints = _wrenches(path, numbers), joint_columns(numbers, robot)
     uses = dict(joints.uses()) if joints else {}
     if stamps:
         uses[stamps.column] = f"stamps in {stamps.unit}: {stamps.rate:.4g} Hz"

@@ -37,7 +37,7 @@ from contactfusion.errors import ConfigurationError, Guard, RecordingError, name
 from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Reading
-from contactfusion.readings.codec import Codec
+from contactfusion.readings.codec import Codec, Role
 from contactfusion.readings.columns import Column, ColumnsConfig, written_out
 from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.recording import RecordingFormat
@@ -191,7 +191,8 @@ class LogRecording(RecordingFormat):
     """The readings of CSV and NumPy logs, merged by their stamps.
 
     A row in which a value of a reading is missing (an empty cell, NaN or infinite) gives no such
-    reading; only markers may miss values. Rows that are up to a second out of order are sorted.
+    reading; only markers may miss values. Rows that are up to a second out of order are sorted; of
+    readings of one stamp the state of robot and world comes first.
     Both are counted in `notes` and logged as warnings. Stamps in whole nanoseconds are exact where
     the platform's long double has 64 bits (Linux); elsewhere Unix times are rounded to 0.3 µs.
 
@@ -209,7 +210,10 @@ class LogRecording(RecordingFormat):
         files = config.files
         self.notes: list[str] = []
         """What was left out or sorted, in sentences."""
-        self._series = [series for file in files for series in self._read(file, folder)]
+        found = [pair for file in files for pair in self._read(file, folder)]
+        # what places a sensor must have come before it, however columns are listed
+        found.sort(key=lambda pair: pair[0].role is Role.SENSED)
+        self._series = [series for _, series in found]
         self.epoch_ns = first_stamp(self._series)
         self.topics = {
             sensor: _codec(columns).kind
@@ -228,7 +232,7 @@ class LogRecording(RecordingFormat):
         """The readings in order of their stamps."""
         return merged(self._series, self.epoch_ns)
 
-    def _read(self, file: LogFile, folder: Path) -> Iterator[Series]:
+    def _read(self, file: LogFile, folder: Path) -> Iterator[tuple[Codec[Any], Series]]:
         path = folder / file.file
         wanted = dict.fromkeys(name for row in file.readings.values() for name in row.columns)
         text = TextFormat(file.delimiter, file.header)
@@ -246,13 +250,16 @@ class LogRecording(RecordingFormat):
                     f"{path}: {left_out} of {len(values)} rows give no reading of '{sensor}', "
                     "because a value is missing"
                 )
-            guard = installed_kinds().guard(_codec(config))
-            yield Series(
-                origin=str(path),
-                stamps=stamps[usable],
-                values=values[usable],
-                rows=np.flatnonzero(usable) + 1,
-                make=partial(_reading, guard, config, sensor),
+            codec = _codec(config)
+            yield (
+                codec,
+                Series(
+                    origin=str(path),
+                    stamps=stamps[usable],
+                    values=values[usable],
+                    rows=np.flatnonzero(usable) + 1,
+                    make=partial(_reading, installed_kinds().guard(codec), config, sensor),
+                ),
             )
 
     def _stamps(self, file: LogFile, path: Path, folder: Path, count: int) -> StampArray:
