@@ -231,7 +231,9 @@ def _model(config: PipelineConfig) -> "RobotModel | None":
         return None
     from contactfusion.robots.model import shared_robot
 
-    return shared_robot(config.robot)
+    model = shared_robot(config.robot)
+    _ = model.parts  # takes seconds, for which the first reading of a running robot can't wait
+    return model
 
 
 class StateBuffer:

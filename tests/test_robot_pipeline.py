@@ -140,6 +140,11 @@ def test_a_sensor_that_the_description_lacks_is_told(
         pipeline(folder=tmp_path, robot=robot, generators={"one": generator})
 
 
+def test_the_surface_of_a_robot_is_sampled_before_its_first_reading(tmp_path: Path) -> None:
+    model = pipeline(folder=tmp_path, robot=slide(tmp_path))._robot.model
+    assert model is not None and "parts" in vars(model)
+
+
 def test_until_its_joints_come_a_robot_has_no_surface_and_says_so(tmp_path: Path) -> None:
     pipe = pipeline(folder=tmp_path, robot=slide(tmp_path))
     assert "no position of joint 'slide' came" in pipe.step(0.0).events[0].message
