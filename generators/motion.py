@@ -1,7 +1,7 @@
 """Predicted positions of the robot's surface, where contacts are to be expected (F §V-F, Eq 8)."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import compress
 
 import numpy as np
@@ -15,6 +15,7 @@ from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.jit import kernel
 from contactfusion.readings import JointState, Reading, Twist
+from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
@@ -69,10 +70,8 @@ class MotionGenerator(Generator[MotionConfig]):
             predicted = now.moved(self._driven(reading, state), now.frame)
         else:
             assert isinstance(reading, JointState)
-            robot = state.posed_robot(self.name)
-            names = robot.model.joint_names
-            self._learn_speeds(reading, {*compress(names, robot.model.turning.tolist())})
-            if not self._speeds.keys() & set(reading.names) & set(names):
+            robot = self._learn_speeds(reading, state)
+            if not self._speeds.keys() & set(reading.names) & set(robot.model.joint_names):
                 return ()
             speeds = robot.model.speeds(self._speeds)
             future = robot.at(robot.positions + speeds * self.config.ahead)
@@ -89,16 +88,20 @@ class MotionGenerator(Generator[MotionConfig]):
             ),
         )
 
-    def _learn_speeds(self, reading: JointState, turning: Collection[str]) -> None:
-        """Update the speed of each joint [rad/s, m/s].
+    def absorb(self, reading: Reading, state: State) -> None:
+        """Take note of the speeds of joints."""
+        if isinstance(reading, JointState):
+            self._learn_speeds(reading, state)
+
+    def _learn_speeds(self, reading: JointState, state: State) -> PosedRobot:
+        """Update the speed of each joint [rad/s, m/s], and return the robot.
 
         Arm and hand may report in readings of their own, even with one stamp: each joint has a last
-        reading of its own, and keeps its speed until the next.
-
-        Args:
-            reading: of some joints.
-            turning: the joints without limits, whose positions may leap by a turn.
+        reading of its own, and keeps its speed until the next. Joints without limits may leap by a
+        turn.
         """
+        robot = state.posed_robot(self.name)
+        turning = {*compress(robot.model.joint_names, robot.model.turning.tolist())}
         positions, speeds = reading.positions.tolist(), [math.nan] * len(reading.names)
         if reading.velocities is not None:
             speeds = reading.velocities.tolist()
@@ -113,6 +116,7 @@ class MotionGenerator(Generator[MotionConfig]):
                 self._speeds[name] = speed
             elif -math.inf < stamp < reading.stamp:
                 self._speeds[name] = moved / (reading.stamp - stamp)
+        return robot
 
     def _surface(self, state: State) -> Surface:
         if state.robot is not None or self.config.links:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion import Grid, Pipeline, PipelineConfig, State
+from contactfusion import Grid, IntegratorConfig, Pipeline, PipelineConfig, State
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, FrameError, RobotError
 from contactfusion.frames import FrameTree, pose_at
@@ -149,6 +149,27 @@ def test_without_velocities_two_readings_tell_the_speed(model: RobotModel) -> No
     assert motion.generate(joints(1.0, turn=0.1, slide=0.0), posed(model, 0.1)) == ()
     (cloud,) = motion.generate(joints(1.2, turn=0.3, slide=0.0), posed(model, 0.3))
     assert off_ball(cloud.positions, ARM, 0.1 * np.cos(0.4), 0.1 * np.sin(0.4), 0.0) < 1e-9
+
+
+def test_live_the_newest_reading_before_a_step_is_predicted_by_the_speed_of_all(
+    model: RobotModel,
+) -> None:
+    clouds = list[HypothesisCloud]()
+    pipe = Pipeline(
+        PipelineConfig(
+            robot=model.config,
+            generators={"ahead": {"type": "motion", "ahead": AHEAD, "links": ["arm"]}},
+            integrator=IntegratorConfig(frame="base"),
+        ),
+        tell=clouds.append,
+    )
+    pipe.conflates = True
+    for stamp, turn in (0.0, 0.0), (0.02, 0.04), (0.04, 0.08):
+        pipe.receive(joints(stamp, turn=turn, slide=0.0))
+    pipe.step(0.05)
+    (cloud,) = clouds
+    assert cloud.stamp == 0.04
+    assert off_ball(cloud.positions, ARM, 0.1 * np.cos(0.28), 0.1 * np.sin(0.28), 0.0) < 1e-9
 
 
 def test_a_reset_forgets_the_last_reading_and_the_speed(model: RobotModel) -> None:
