@@ -108,9 +108,10 @@ class Generator(ABC, Generic[ConfigT]):
     def absorb(self, reading: Reading, state: State) -> None:
         """Take note of a reading that a newer one of its sensor follows before the next step.
 
-        On a running robot a generator that implements it is asked for the clouds of the newest
-        reading only; it must do here what later clouds depend on, such as filtering. Other
-        generators are asked for the clouds of each reading.
+        On a running robot, and of a recording, a generator that implements it is asked for the
+        clouds of the newest reading only, unless they add to earlier ones (`replace: false`); it
+        must do here what later clouds depend on, such as filtering. Other generators are asked for
+        the clouds of each reading.
 
         Args:
             reading: as for `generate`.

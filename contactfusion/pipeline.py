@@ -126,7 +126,7 @@ class Pipeline:
         self.lost = set[str]()
         """Generators whose last clouds were refused as no transform placed them."""
         self.given: Counter[str] = Counter()
-        """How many readings each generator was given."""
+        """How many readings each generator was asked for clouds of."""
         self.scripted = False
         """Whether isolated generators process only what `answer` names, as it was recorded."""
         self._failed_commands, self._first_failure = 0, ""
@@ -140,7 +140,8 @@ class Pipeline:
         self._fusion: Fusion | None = None
         self._collected = False
         self.conflates = False
-        """Whether generators that `absorb` make clouds of the newest reading before a step only."""
+        """Whether generators that `absorb` make clouds of the newest reading before a step only,
+        unless their clouds add to earlier ones."""
         self._newest: dict[tuple[str, str], Reading] = {}
         """The newest reading since the last step, by generator that absorbs and sensor."""
         self.transform_lag = 0.0
@@ -288,8 +289,7 @@ class Pipeline:
             if takes(generator, reading.sensor, kind)
         ]
         for generator in takers:
-            self.given[generator.name] += 1
-            if not (self.conflates and generator.absorbs):
+            if not (self.conflates and generator.absorbs and generator.config.replace):
                 self._generate(generator, reading)
                 continue
             key = generator.name, reading.sensor
@@ -299,6 +299,7 @@ class Pipeline:
 
     def _generate(self, generator: AnyGenerator, reading: Reading) -> None:
         """Receive the clouds of a reading."""
+        self.given[generator.name] += 1
         state = self.state(reading.stamp)
         self._deliver(generator, functools.partial(self._ask, generator, reading, state))
         self._keep_resultant(generator, reading.stamp)

@@ -8,10 +8,13 @@ import pytest
 
 from contactfusion import Pipeline
 from contactfusion.errors import ConfigurationError, FrameError
+from contactfusion.pipeline import Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState
 from contactfusion.robots.description import RobotConfig
+from contactfusion.run.configuration import setting_of_file
 from contactfusion.run.execute import run_file
+from contactfusion.run.session import Session
 from tests.gripper_bags import PUSHED, configured, messages_of
 from tests.ros_bags import SECOND, mcap, ros1, transforms
 
@@ -33,6 +36,11 @@ def contacts(folder: Path, bag: Path, command: str, **changes: Any) -> str:
 def places(csv: str) -> Any:
     """Stamps and positions of contacts, shape (n, 4) [s, m]."""
     return np.array([row.split(",")[:4] for row in csv.splitlines()[1:]], np.float64)
+
+
+def places_of(step: Step) -> Any:
+    """Positions of a step's contacts, shape (n, 3) [m]."""
+    return np.array([contact.position for contact in step.fusion.contacts]).reshape(-1, 3)
 
 
 @pytest.mark.parametrize("tf", [False, True])
@@ -60,6 +68,21 @@ def test_run_hears_transforms_as_early_as_replay_does(tmp_path: Path) -> None:
     assert rows[0, 0] == pytest.approx(0.151)  # the first transform is of 0.15 s
     driven = 10.0 * rows[0, 0] + IN_BASE[0]
     assert rows[0, 1] == pytest.approx(driven, abs=0.005)
+
+
+@pytest.mark.parametrize(("replace", "asked"), [(True, 20), (False, 100)])
+def test_clouds_are_made_of_the_newest_wrench_before_a_step_where_they_replace_earlier_ones(
+    replace: bool, asked: int, tmp_path: Path
+) -> None:
+    wrist = {"wrist": {**WRIST, "replace": replace}}
+    path = configured(tmp_path, generators=wrist, cycle={"every": 0.05})
+    session = Session(setting_of_file(path), mcap(tmp_path, messages_of(tf=False)))
+    found = [places_of(step) for step in session.steps()]
+    assert session.pipeline.given["wrist"] == asked and len(found) == 20
+    session.pipeline.conflates = False
+    for newest, every in zip(found, [places_of(step) for step in session.steps()], strict=True):
+        np.testing.assert_array_equal(newest, every)
+    assert session.pipeline.given["wrist"] == 100
 
 
 def test_a_bag_of_ros1_gives_the_same(tmp_path: Path) -> None:

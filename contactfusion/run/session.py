@@ -63,6 +63,9 @@ class Session:
             self.pipeline = Pipeline(setting.config(self.inputs.generators), ask, live=live)
         except (ConfigurationError, FrameError, PluginError) as error:
             raise ConfigurationError(f"{setting.origin}: {error}") from error
+        # as on a running robot, whose sensors report far more often than it steps
+        is_recording = isinstance(self.stream, Recording)
+        self.pipeline.conflates = is_recording and not self.pipeline.config.cycle.ready
 
     def fed(self, setting: Setting) -> Mapping[str, Any]:
         """The generators of a setting like this one, each with the sensor that feeds it."""
