@@ -65,9 +65,7 @@ class Sets(Rule):
         members = search.members()
         sums = [*search.sums.values()]
         if members:
-            if (
-                len(sums) > 1
-            ):  # what is explained least is asked first, whatever its source is called
+            if len(sums) > 1:  # what is explained least is asked first, whatever its name
                 sums.sort(key=lambda sum_of: -round(sum_of.left(members), 6))
             for sum_of in sums:
                 members = needed(members, sum_of)
