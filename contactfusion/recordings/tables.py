@@ -306,7 +306,7 @@ def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, str]]:
 def _cut_off(path: Path, number: int) -> str:
     """The clause that the file is cut off, when the bad line is its last and does not end."""
     lines = path.read_text(encoding="utf-8-sig").split("\n")
-    return "; the file is cut off there" if number == len(lines) else ""
+    return "; the file is cut off there: remove that line" if number == len(lines) else ""
 
 
 def _numpy_names(path: Path) -> list[Column]:
