@@ -194,7 +194,9 @@ def tune_recording(
 
         def pipeline(overrides: Sequence[str]) -> Pipeline:
             setting = session.setting.changed(overrides)
-            return Pipeline(setting.config(session.fed(setting)))
+            varied = Pipeline(setting.config(session.fed(setting)))
+            varied.conflates = session.pipeline.conflates
+            return varied
 
         tuned = tune_fusion(
             pipeline,
