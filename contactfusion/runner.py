@@ -69,6 +69,7 @@ class Runner:
     def __init__(self, config: PipelineConfig, clock: Callable[[], float]) -> None:
         self._budgets = Budgets(clock)
         self.pipeline = Pipeline(config, ask=self._budgets.ask, live=True)
+        self.pipeline.conflates = not config.cycle.ready
         self._budgets.note = functools.partial(self.pipeline.integrator.note, EventKind.OVERRUN)
 
     def receive(self, reading: Reading) -> None:
