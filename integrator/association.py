@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
@@ -25,10 +26,10 @@ def paired(
 ) -> dict[int, int]:
     """Which contacts, as rows, are the same (method §3).
 
-    First what is reported, of which nothing new is said, is paired with what is no news. Then what
-    is reported with what probably exists, before all else. Among equals those are paired that lie
-    the nearest together, see `assigned`; what is no news lies further away by half of the largest
-    distance squared.
+    First what is reported, of which nothing new is said, is paired with what is no news where it
+    was found, within a standard deviation. Then what is reported with what probably exists, before
+    all else. Among equals those are paired that lie the nearest together, see `assigned`; what is
+    no news lies further away by half of the largest distance squared.
 
     Args:
         before: contacts.
@@ -50,9 +51,11 @@ def paired(
         for is_likely, is_reported in itertools.product((True, False), repeat=2)
     ]
     pairs: dict[int, int] = {}
-    for earlier, later in groups:
+    for number, (earlier, later) in enumerate(groups):
         rows, columns = np.flatnonzero(earlier), np.flatnonzero(later)
         among = costs[np.ix_(rows, columns)]
+        if quiet is not None and number == 0:
+            among[~_at_rest([before[row] for row in rows], [now[row] for row in columns])] = np.inf
         if np.isfinite(among).any():
             found = {int(rows[a]): int(columns[b]) for a, b in assigned(among).items()}
             costs[[*found]], costs[:, [*found.values()]] = np.inf, np.inf
@@ -84,6 +87,20 @@ def _costs(before: Sequence[Contact], now: Sequence[Contact], slid: FloatArray) 
     costs[rows, columns] = squared[rows, columns] / (NEAR * np.sqrt(widths) + slid[rows]) ** 2
     costs[costs > 1.0] = np.inf
     return costs
+
+
+def _at_rest(before: Sequence[Contact], now: Sequence[Contact]) -> NDArray[np.bool_]:
+    """Which of r contacts lie within a standard deviation of which of c, shape (r, c)."""
+    (where, unsure), (there, also) = (
+        (
+            np.array([contact.position for contact in contacts]).reshape(-1, 3),
+            np.array([contact.covariance.trace() for contact in contacts]),
+        )
+        for contacts in (before, now)
+    )
+    squared = ((where[:, None] - there) ** 2).sum(axis=2)
+    at_rest: NDArray[np.bool_] = squared <= unsure[:, None] + also
+    return at_rest
 
 
 def assigned(costs: FloatArray) -> dict[int, int]:
