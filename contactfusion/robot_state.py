@@ -232,7 +232,8 @@ def _model(config: PipelineConfig) -> "RobotModel | None":
     from contactfusion.robots.model import shared_robot
 
     model = shared_robot(config.robot)
-    _ = model.parts  # takes seconds, for which the first reading of a running robot can't wait
+    if model.solids:  # takes seconds, for which the first reading of a running robot can't wait
+        _ = model.parts
     return model
 
 

@@ -52,12 +52,13 @@ def paired(
     ]
     pairs: dict[int, int] = {}
     for number, (earlier, later) in enumerate(groups):
-        rows, columns = np.flatnonzero(earlier), np.flatnonzero(later)
+        rows, columns = np.flatnonzero(earlier).tolist(), np.flatnonzero(later).tolist()
         among = costs[np.ix_(rows, columns)]
         if quiet is not None and number == 0:
-            among[~_at_rest([before[row] for row in rows], [now[row] for row in columns])] = np.inf
+            same = _at_rest([before[row] for row in rows], [now[row] for row in columns])
+            among[~same] = np.inf
         if np.isfinite(among).any():
-            found = {int(rows[a]): int(columns[b]) for a, b in assigned(among).items()}
+            found = {rows[a]: columns[b] for a, b in assigned(among).items()}
             costs[[*found]], costs[:, [*found.values()]] = np.inf, np.inf
             pairs |= found
     return pairs

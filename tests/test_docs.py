@@ -353,10 +353,9 @@ def test_the_example_of_the_page_on_configuration_runs(tmp_path: Path) -> None:
         )
     run_file(tmp_path / "robot.yaml", out=tmp_path / "results")
     summary = json.loads((tmp_path / "results" / "summary.json").read_text())
-    assert {name: source["accepted"] for name, source in summary["sources"].items()} == {
-        "wrist": 100,
-        "palm": 100,
-    }
+    accepted = {name: source["accepted"] for name, source in summary["sources"].items()}
+    # two wrenches that fall into one step by rounding make hypotheses once
+    assert accepted == {"wrist": pytest.approx(100, abs=1), "palm": 100}
     assert summary["steps_with_contact"] == pytest.approx(50, abs=2)
     last = (tmp_path / "results" / "contacts.csv").read_text().splitlines()[-1]
     assert "palm" in last and "wrist" in last
