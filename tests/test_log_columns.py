@@ -282,6 +282,11 @@ def test_columns_called_like_the_joints_of_the_robot_hold_their_positions(
     assert arm["names"] == [*reversed(ARM)] and arm["holds"] == ["positions"]
 
 
+def test_the_names_of_the_robot_hide_no_velocities_and_efforts() -> None:
+    names = numbered("q", "dq", "tau")
+    assert joint_columns(names, numbered("q")) == joint_columns(names)
+
+
 def test_columns_hold_positions_and_each_value_at_most_once() -> None:
     wrong: list[Any] = [["efforts"], ["positions", "positions"]]
     for holds in wrong:

@@ -68,15 +68,14 @@ def joint_columns(names: Sequence[Column], robot: Sequence[str] = ()) -> JointCo
 
     Args:
         names: of the columns, in their order.
-        robot: the joints of the robot that they move, where it is known: columns with their names
-            are positions.
+        robot: the joints of the robot that they move, where it is known: where nothing else shows
+            joints, columns with their names are positions.
     """
-    if called := tuple(str(name) for name in names if name in robot):
-        return JointColumns("joints", called, called, (), ())
     held = _groups(names)
     arms = (key for key, found in held.items() if key[0] == "positions" and _whole(found))
     if (arm := next(arms, None)) is None:
-        return None
+        called = tuple(str(name) for name in names if name in robot)
+        return JointColumns("joints", called, called, (), ()) if called else None
     joints = held[arm].keys()
     chosen = {"positions": arm[1], "velocities": "", "efforts": ""}
     for kind in ("velocities", "efforts"):

@@ -191,9 +191,9 @@ class LogRecording(RecordingFormat):
     """The readings of CSV and NumPy logs, merged by their stamps.
 
     A row in which a value of a reading is missing (an empty cell, NaN or infinite) gives no such
-    reading; only markers may miss values. Rows that are up to a second out of order are sorted; of
-    readings of one stamp the state of robot and world comes first.
-    Both are counted in `notes` and logged as warnings. Stamps in whole nanoseconds are exact where
+    reading; only markers may miss values. Rows that are up to a second out of order are sorted.
+    Both are counted in `notes` and logged as warnings. Of readings of one stamp the state of robot
+    and world comes first. Stamps in whole nanoseconds are exact where
     the platform's long double has 64 bits (Linux); elsewhere Unix times are rounded to 0.3 µs.
 
     Args:
