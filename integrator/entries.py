@@ -252,6 +252,7 @@ class Member:
         is_large: whether it is a line or a patch.
         centres: of several sources, where each alone locates it, shape (3,) [m], and how unsure
             that is, by axis [m].
+        covered_by: the sources whose detections cover it, too, and are those of another contact.
     """
 
     contact: Contact
@@ -265,6 +266,7 @@ class Member:
     explains: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))
     is_large: bool = False
     centres: Mapping[str, tuple[FloatArray, float]] = field(default_factory=dict)
+    covered_by: frozenset[str] = frozenset()
 
 
 class Field:

@@ -226,9 +226,8 @@ class LikelihoodFields:
     def explained(self, basin: Basin) -> Taken:
         """The detections that a contact explains, by source."""
         left = self.rows_left
-        fits = [self.agreement(row, basin) for row in left]
-        rows = [row for row, fit in zip(left, fits, strict=True) if fit > self._least(row)]
-        rows = rows or [left[int(np.argmax(fits))]]
+        rows = [row for row in left if self.agrees(row, basin)]
+        rows = rows or [max(left, key=lambda row: self.agreement(row, basin))]
         if self.places.normals is None and len(rows) < len(left):
             rows = self._joined(rows, left, basin)
         return {row: self._near(row, basin.core) for row in rows}
@@ -254,6 +253,10 @@ class LikelihoodFields:
         each = self.evidence[row]
         is_sure = not each.cloud.single and each.probability(each.left) >= SURE
         return APART if is_sure else EXPLAINED
+
+    def agrees(self, row: int, basin: Basin) -> bool:
+        """Whether a contact explains something of what is left of a source."""
+        return self.agreement(row, basin) > self._least(row)
 
     def agreement(self, row: int, basin: Basin) -> float:
         """How well a source agrees with a contact, at most 1."""

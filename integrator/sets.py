@@ -126,9 +126,21 @@ class Search:
             self._fields.restore()
             found = self._found([member for _, member in found])
         self._fields.restore()
-        members = self._fewest(found)
         summed = self._fields.entries_of(self._summed)
-        return [replace(each, explains=np.append(each.explains, summed)) for each in members]
+        return [
+            replace(
+                member,
+                explains=np.append(member.explains, summed),
+                covered_by=self._covering(basin, member),
+            )
+            for basin, member in self._fewest(found)
+        ]
+
+    def _covering(self, basin: Basin, member: Member) -> frozenset[str]:
+        """The sources that agree with a contact beside those whose detections it explains."""
+        others = [row for row in self._fields.evidence if row not in self._rows_of(member)]
+        agreeing = [row for row in others if self._fields.agrees(row, basin)]
+        return frozenset(self._fields.entries.sources[row].name for row in agreeing)
 
     def _found(self, before: Sequence[Member]) -> list[tuple[Basin, Member]]:
         """The contacts one by one, beside those found so far and the later ones of before."""
@@ -180,7 +192,7 @@ class Search:
             self._weigh(weights, sum_of, beside)
         return weights
 
-    def _fewest(self, found: Sequence[tuple[Basin, Member]]) -> list[Member]:
+    def _fewest(self, found: Sequence[tuple[Basin, Member]]) -> list[tuple[Basin, Member]]:
         """The contacts without those whose detections another one may explain.
 
         So is what a finger feels without a place that of the contact which its skin locates.
@@ -205,7 +217,7 @@ class Search:
                 given = {**other.given, **member.given}
                 explains = np.append(other.explains, member.explains)
                 kept[best] = basin, replace(other, contact=contact, given=given, explains=explains)
-        return [member for _, member in kept.values()]
+        return [*kept.values()]
 
     def _borne(self, rows: Iterable[int]) -> NDArray[np.bool_]:
         """Where a contact takes part in what one of some sources measures, shape (c,)."""

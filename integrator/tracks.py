@@ -241,7 +241,8 @@ class Tracks:
 
     def _confirm(self, track: Track, member: Member, heard: Mapping[str, int], step: Step) -> None:
         """Take what is said of a contact now; only what is new makes it more probable or less."""
-        gone = {name: stamp for name, stamp in track.heard.items() if name not in heard}
+        there = heard.keys() | member.covered_by
+        gone = {name: stamp for name, stamp in track.heard.items() if name not in there}
         new, withdrawn, dead = self._news(heard), step.spoke(gone), gone.keys() - step.able
         if not (new or withdrawn or dead):
             return

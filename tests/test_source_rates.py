@@ -504,3 +504,16 @@ def test_bytes_do_not_hang_on_the_hashes_of_names() -> None:
 
     first, *others = (printed(str(seed)) for seed in range(4))
     assert first and others == 3 * [first]
+
+
+def test_a_line_that_two_touches_share_is_withdrawn_from_neither() -> None:
+    loop = Loop(period=0.1)
+    along = np.arange(-0.16, 0.165, 0.005)
+    for step in range(100):
+        if loop.is_due(0.2):
+            loop.say("skin", ((0.0, -0.15, 0.0), 0.95), ((0.0, 0.15, 0.0), 0.95))
+        surest = along if step // 3 % 2 else -along  # takes the touch at its end
+        line = [((0.0, y, 0.0), 0.9 + 0.3 * end) for y, end in zip(along, surest, strict=True)]
+        fusion = loop.say("lidar", *line).step()
+        assert {contact.track for contact in fusion.contacts} == {1, 2}
+        assert min(contact.likelihood for contact in fusion.contacts) > 0.8
