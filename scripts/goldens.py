@@ -56,6 +56,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "push": (
         "experiment push --targets random:2 --friction mu1 --objects box --sensing fused"
         " --sensing skin --record box-mu1-random-000 --out .",
+        "experiment push --targets random:2 --friction mu1 --objects box --sensing fused"
+        " --noise prototype+timing --out own_rates",
     ),
     "grasp": ("experiment grasp --repeats 1 --record bottle-000 --out .",),
 }
