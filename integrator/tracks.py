@@ -53,6 +53,10 @@ class ContactEvent:
     contact: Contact
     stamp: float
 
+    def __str__(self) -> str:
+        """When, which number, what happened, and the contact, in one line."""
+        return f"{self.stamp:.3f} s: track {self.contact.track} {self.change}, {self.contact}"
+
 
 @dataclass(slots=True, eq=False)
 class Track:

@@ -70,6 +70,7 @@ def test_the_first_step_reports_what_it_is_told() -> None:
     assert contact.likelihood == pytest.approx(0.8)
     assert (contact.track, contact.since) == (1, CYCLE)
     assert made(fusion) == [("made", 1)]
+    assert str(fusion.changes[0]) == f"0.050 s: track 1 made, {contact}"
 
 
 def test_one_wrong_step_makes_no_contact_and_two_do() -> None:
