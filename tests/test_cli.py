@@ -4,8 +4,10 @@ import csv
 import errno
 import json
 import re
+import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -593,6 +595,24 @@ def test_a_thread_that_a_plugin_leaves_does_not_keep_the_program_from_its_end(fo
     ran = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=folder)
     assert (ran.returncode, ran.stdout) == (0, "")
     assert ran.stderr == "contactfusion: threads that did not end are left: 'of a camera'\n"
+
+
+def test_a_signal_inside_numba_interrupts_the_program_after_it() -> None:
+    compiler: dict[str, Any] = {"__name__": "numba.core.dispatcher", "signal": signal}
+    exec("def load():\n    signal.raise_signal(signal.SIGTERM)\n    return 'loaded'", compiler)
+    before = {each: signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGALRM)}
+    signal.signal(signal.SIGTERM, cli.interrupt)
+    loaded = None
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            loaded = compiler["load"]()
+            time.sleep(10.0)
+        assert loaded == "loaded"
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def test_a_file_that_the_system_refuses_is_one_sentence(

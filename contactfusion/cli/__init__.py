@@ -11,6 +11,7 @@ import traceback
 import warnings
 from collections.abc import Mapping
 from importlib.metadata import version
+from types import FrameType
 from typing import Annotated, Any, TextIO
 
 import typer
@@ -29,6 +30,8 @@ INTERRUPTED = 130
 """The exit status after Ctrl-C or SIGTERM."""
 LINGER = 10.0
 """The longest wait at the end for threads of plug-ins [s]."""
+RETRY = 0.01
+"""The time after which a signal that came inside numba is handled again [s]."""
 LOG = logging.getLogger("contactfusion")
 app = typer.Typer(
     name="contactfusion",
@@ -118,9 +121,10 @@ def main() -> None:
     LOG.setLevel(logging.WARNING)
     # products here are small: threads of the linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is whole is kept
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup
-        signal.signal(signal.SIGHUP, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, interrupt)  # as Ctrl-C: what is whole is kept
+    for number in (signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+            signal.signal(number, interrupt)
     terminal.set_quiet(False)
     warnings.showwarning = _Warnings().show
     try:
@@ -145,6 +149,21 @@ def main() -> None:
         say(f"contactfusion: {text}", file=sys.stderr)
         _leave_threads(1)
         sys.exit(1)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """End the program on a signal; inside numba, whose C code would lose it or crash, after that.
+
+    Raises:
+        KeyboardInterrupt: unless functions of numba or LLVM are on the stack.
+    """
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").startswith(("numba.", "llvmlite.")):
+            signal.signal(signal.SIGALRM, interrupt)
+            signal.setitimer(signal.ITIMER_REAL, RETRY)
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def _leave_threads(status: object) -> None:
