@@ -32,6 +32,7 @@ from contactfusion_lab.experiments.push.trial import (
     report_costs,
     run_trial,
 )
+from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import Cycle
 from contactfusion_lab.trials.executor import Local
 from lab.tests.test_push_experiment import content, small, target_file, targets
@@ -219,6 +220,14 @@ class TestPlans:
             ({"sensings": ("skin", "skin")}, "'skin' stands twice among the sensings"),
             ({"rules": ("de_morgan", "de_morgan")}, "'de_morgan' stands twice among the rules"),
             ({"lidar": "lidar_side"}, "'lidar_side' was chosen, but what feels here is skin"),
+            (
+                {"sensings": ("lidar", "rule"), "taxels": 24},
+                "--taxels is of the skin, but what feels here is lidar and rule",
+            ),
+            (
+                {"sensings": ("lidar",), "skin": SkinConfig(activation=0.5)},
+                "--activation is of the skin, but what feels here is lidar",
+            ),
             ({"weights": Path("no.safetensors")}, "was given, but there are no networks in skin"),
         ],
     )

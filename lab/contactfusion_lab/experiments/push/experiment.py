@@ -213,6 +213,12 @@ def _require_use(options: Options, sensings: Sequence[Sensing]) -> None:
     for name in filter(None, (options.lidar, options.camera)):
         if name not in used:
             raise ConfigurationError(f"'{name}' was chosen, but what feels here is {labels}")
+    for name, changed in (
+        ("--taxels", options.taxels != Options.taxels),
+        ("--activation", options.skin != Options.skin),
+    ):
+        if changed and not any(sensing.has_skin for sensing in sensings):
+            raise ConfigurationError(f"{name} is of the skin, but what feels here is {labels}")
     if options.weights and not any(sensing.networks for sensing in sensings):
         raise ConfigurationError(
             f"{options.weights} was given, but there are no networks in {labels}"

@@ -117,11 +117,16 @@ class Sensing:
 
         return ask
 
+    @property
+    def has_skin(self) -> bool:
+        """Whether a generator reads the skin."""
+        return any("patch" in options for options in self.pipeline.generators.values())
+
     @cached_property
     def face(self) -> FaceConfig:
         """The face that pushes: a skin blurs points, LiDARs and cameras do not."""
         blur = NARROW
-        if any("patch" in options for options in self.pipeline.generators.values()):
+        if self.has_skin:
             blur = BLUR * self.robot.patches["skin"].grids[0].pitch[1]
         return FaceConfig(blur=blur)
 
