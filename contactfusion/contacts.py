@@ -17,17 +17,17 @@ class Contact:
     """One contact with the world (F §III-C, method §3).
 
     Attributes:
-        position: shape (3,) [m], the centroid weighted by likelihood.
-        likelihood: the largest fused likelihood among its voxels; of a set, the probability that it
-            exists.
+        position: shape (3,) [m], where the sources agree best, of a line or a patch its middle; of
+            voxels their centroid weighted by likelihood.
+        likelihood: the probability that it exists; of voxels the largest fused likelihood.
         scatter: shape (3, 3) [m²], how large it is: the second moments of its area, or of its
             voxels weighted by likelihood, about the position.
-        covariance: shape (3, 3) [m²], how unsure the position is: the scatter of its hypotheses,
-            weighted by likelihood, and on the diagonal their squared spreads and voxel_size²/12.
-        extent: shape (2, 3) [m], the two ends of the cluster along its longest axis.
+        covariance: shape (3, 3) [m²], how unsure the position is; of voxels it holds the scatter,
+            too.
+        extent: shape (2, 3) [m], its two ends along its longest axis.
         force: shape (3,) [N] on the robot, NaN when no source felt one.
-        voxels: how many voxels it is made of.
-        shares: how much of its likelihood each source gave; sums to 1.
+        voxels: how many voxels it fills.
+        shares: how much each source confirms its position, or gave of its likelihood; sums to 1.
         stamp: the newest hypothesis in it [s].
         frame: the frame of all places and vectors.
         track: its number, the same as long as it lasts; 0: contacts are not followed.

@@ -61,7 +61,7 @@ def emit(
 
 
 def fused(*clouds: HypothesisCloud, surface: Surface | None = None, **misses: float) -> Fusion:
-    integrator = Integrator(IntegratorConfig(frame="hand", rule="sets", condensation="members"))
+    integrator = Integrator(IntegratorConfig(frame="hand"))
     for name, sensitivity in misses.items():
         integrator.plug(name, sensitivity=sensitivity)
     for cloud in clouds:

@@ -19,8 +19,7 @@ class Stepped:
     """An integrator that is stepped cycle by cycle; sources replace what they said."""
 
     def __init__(self, cycle: float = CYCLE, **config: Any) -> None:
-        fields = {"frame": "hand", "rule": "sets", "condensation": "members", **config}
-        self.integrator = Integrator(IntegratorConfig(**fields))
+        self.integrator = Integrator(IntegratorConfig(**{"frame": "hand", **config}))
         self.cycle, self.now = cycle, 0.0
 
     def step(
