@@ -82,6 +82,10 @@ show-touch: $(READY)
 		$(TOUCH) --places $$places --repeats 3 --free 0 --out out/touch/places_$$places || exit 1; \
 	done
 	$(TOUCH) --rule sets/members --repeats 14 --free 0 --out out/touch/coverage
+	for apart in 0.02 0.015 0.01; do \
+		$(BIN)/contactfusion experiment skin --seed 2014 --apart $$apart \
+			--out out/touch/skin_$$apart || exit 1; \
+	done
 
 # Pushes that are made already are kept, too.
 PUSH := $(BIN)/contactfusion experiment push

@@ -287,6 +287,33 @@ def experiment_touch(
     run_touch(options, out)
 
 
+@experiments.command("skin")
+def experiment_skin(
+    touches: Annotated[
+        int, typer.Option(min=1, help="Number of touches of each number of presses.")
+    ] = 120,
+    apart: Annotated[
+        float,
+        typer.Option(min=0.005, max=0.025, help="The least distance between presses \\[m]."),
+    ] = 0.02,
+    rule: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="RULE or RULE/CONDENSATION; may be repeated; default: sets, de_morgan, the same "
+            "tuned, and posterior/modes."
+        ),
+    ] = None,
+    seed: Seed = 0,
+    out: Out = Path("out/skin"),
+) -> None:
+    """Press a flat skin at one to six places at once, and compare with the truth."""
+    from contactfusion_lab.experiments.methods import Method
+    from contactfusion_lab.experiments.skin import METHODS, run_skin
+
+    methods = [Method.named(name) for name in rule or ()] or METHODS
+    run_skin(touches, apart, seed, methods, out)
+
+
 @experiments.command("press")
 def experiment_press(
     arms: Annotated[
