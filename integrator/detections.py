@@ -12,7 +12,7 @@ from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.cells import Dealt, cell_list, grouped, nearest
 from contactfusion.integrator.entries import Entries
-from contactfusion.integrator.nearby import around, linked, nearest_left, reached
+from contactfusion.integrator.nearby import Barrier, around, linked, nearest_left, reached
 from contactfusion.integrator.store import Int64Array
 
 CERTAIN = 0.99
@@ -24,7 +24,10 @@ CELL = 4.0
 """The side of the cells of hypotheses, in standard deviations of a position."""
 ALIKE = 0.999
 """A single contact's hypotheses state one force when their mean has that part of their strength."""
-PEAK = 0.5
+WITHIN = 0.75 / (0.5 * LINK)
+"""What is not likely counts as likely up to three quarters of a standard deviation beside what is,
+in reaches: it may be there."""
+PEAK = 0.4
 """A detection that is less likely than this part of its peak between two peaks is two."""
 
 
@@ -94,10 +97,12 @@ class Evidence:
         self.reaches = own + side * np.minimum(shared, 0.5)
         """Hypotheses that are no further apart than the sum of theirs hang together, shape (n,)
         [m]; those of a voxel are one, and were up to half of its side away from it."""
-        self.labels = (
-            np.zeros(len(shared), np.int32) if cloud.single else detections(cloud, self.reaches)
-        )
+        self.labels = np.zeros(len(shared), np.int32)
         """The detection of each hypothesis, shape (n,); those of a single contact are one."""
+        self.groups = np.zeros(1, np.int32)
+        """The group of each detection, shape (d,): between those of one it is much less likely."""
+        if not cloud.single:
+            self.labels, self.groups = detections(cloud, self.reaches)
         self.peaks = np.zeros(int(self.labels.max()) + 1)
         """The probability of a contact by each detection, shape (d,)."""
         combine = np.add if cloud.single else np.maximum
@@ -117,6 +122,25 @@ class Evidence:
         if not wanted.any():
             wanted[self.labels[nearest_left(*left, points.mean(axis=0))]] = True
         return wanted
+
+    def first_of_groups(self, found: NDArray[np.bool_], place: FloatArray) -> NDArray[np.bool_]:
+        """Of each group among detections the one that is nearest to a place, shape (d,).
+
+        Args:
+            found: shape (d,), which detections.
+            place: shape (3,) [m].
+        """
+        labels = np.flatnonzero(found)
+        if len(np.unique(self.groups[labels])) == len(labels):
+            return found
+        away = np.full(len(found), np.inf)
+        squared = np.square(self.cloud.positions - place).sum(axis=1)
+        np.minimum.at(away, self.labels, squared)
+        labels = labels[np.argsort(away[labels], kind="stable")]
+        first = labels[np.unique(self.groups[labels], return_index=True)[1]]
+        kept = np.zeros(len(found), np.bool_)
+        kept[first] = True
+        return kept
 
     def nearest(self, place: FloatArray) -> FloatArray:
         """The position left that is nearest to a place, both of shape (3,) [m]."""
@@ -148,8 +172,8 @@ class Evidence:
         return float(self.peaks[of].max(initial=0.0))
 
 
-def detections(cloud: Cloud, reaches: FloatArray) -> NDArray[np.int32]:
-    """Which hypotheses of several contacts belong together, as labels of shape (n,).
+def detections(cloud: Cloud, reaches: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Which hypotheses of several contacts belong together.
 
     Those that lie no further apart than their spreads tell apart do; a group with several peaks
     falls into these where it is much less likely between them.
@@ -157,16 +181,28 @@ def detections(cloud: Cloud, reaches: FloatArray) -> NDArray[np.int32]:
     Args:
         cloud: the hypotheses.
         reaches: shape (n,), they are no further apart than the sum of theirs [m].
+
+    Returns:
+        The detection of each hypothesis, shape (n,), and the group of each detection, shape (d,).
     """
-    away = 2.0 * float(reaches.max())
-    groups, count = linked(cloud.positions, cell_list(cloud.positions, away), reaches)
+    away, places = 2.0 * float(reaches.max()), cloud.positions
+    cells = cell_list(places, away)
+    nothing = Barrier(places, cells, np.full(len(places), np.inf))
+    groups, count = linked(places, cells, reaches, nothing)
     peak = np.zeros(count)
     np.maximum.at(peak, groups, cloud.likelihoods)
     high = cloud.likelihoods >= PEAK * peak[groups]
+    if not high.all():
+        top = nearest(places[~high], places[high], cell_list(places[high], away))
+        offsets = places[~high] - places[high][top]
+        high[~high] = np.linalg.norm(offsets, axis=1) <= WITHIN * reaches[~high]
     if high.all():
-        return groups
-    labels, tops = np.empty(len(high), np.int32), cloud.positions[high]
-    labels[high], peaks = linked(tops, cell_list(tops, away), reaches[high])
+        return groups, np.arange(count, dtype=np.int32)
+    labels, tops, lows = np.empty(len(high), np.int32), places[high], places[~high]
+    cells = cell_list(lows, away)
+    clear = np.linalg.norm(tops - lows[nearest(tops, lows, cells)], axis=1)
+    valleys = Barrier(lows, cells, clear)
+    labels[high], peaks = linked(tops, cell_list(tops, away), reaches[high], valleys)
     lowest, highest = np.full(count, peaks, np.int32), np.full(count, NONE, np.int32)
     np.minimum.at(lowest, groups[high], labels[high])
     np.maximum.at(highest, groups[high], labels[high])
@@ -182,4 +218,6 @@ def detections(cloud: Cloud, reaches: FloatArray) -> NDArray[np.int32]:
         middles = np.add.reduceat(cloud.positions[rows], begins, axis=0) / counts[:, None]
         own = within[nearest(middles, tops, cell_list(tops, away))]
         labels[rows] = np.repeat(labels[own], counts)
-    return labels
+    owners = np.empty(peaks, np.int32)
+    owners[labels] = groups
+    return labels, owners

@@ -44,6 +44,8 @@ SOFT = 0.15
 
 Taken = Mapping[int, NDArray[np.bool_]]
 """The detections that a contact explains, shape (d,), by the row of their source."""
+Hidden = Mapping[int, tuple[SourceField, NDArray[np.bool_]]]
+"""The field of a source, and which detections were left, shape (d,), by its row."""
 
 
 class LikelihoodFields:
@@ -230,7 +232,7 @@ class LikelihoodFields:
         rows = rows or [max(left, key=lambda row: self.agreement(row, basin))]
         if self.places.normals is None and len(rows) < len(left):
             rows = self._joined(rows, left, basin)
-        return {row: self._near(row, basin.core) for row in rows}
+        return {row: self._near(row, basin) for row in rows}
 
     def _joined(self, rows: Sequence[int], left: Sequence[int], basin: Basin) -> list[int]:
         """Of what is left, the rows that agree with a contact where these do on average.
@@ -271,13 +273,35 @@ class LikelihoodFields:
         strongest[self._fields[row].which[places]] = True
         return np.flatnonzero(strongest[:-1])
 
-    def _near(self, row: int, core: Rows) -> NDArray[np.bool_]:
-        """The detections left of a source near a contact, shape (d,): at least the nearest."""
+    def _near(self, row: int, basin: Basin) -> NDArray[np.bool_]:
+        """The detections left of a source near a contact, shape (d,): at least the nearest.
+
+        Of those that it tells apart, such as the presses of a skin, one contact explains one.
+        """
         each = self.evidence[row]
         if each.cloud.single:
             return each.left.copy()
         reach = float(np.sqrt(-2.0 * np.log(EXPLAINED))) * self.spread(row)
-        return each.near(self.places.points[core], reach)
+        found = each.near(self.places.points[basin.core], reach)
+        return each.first_of_groups(found, self.places.points[basin.top])
+
+    def hide_rivals(self, taken: Taken) -> Hidden:
+        """Take out what sources tell apart from detections, until it is put back."""
+        hidden = dict[int, tuple[SourceField, NDArray[np.bool_]]]()
+        for row, own in taken.items():
+            each = self.evidence[row]
+            rivals = each.left & ~own & np.isin(each.groups, each.groups[own])
+            if rivals.any():
+                hidden[row] = self._fields[row].copy(), each.left.copy()
+                self.take_out(row, rivals)
+        return hidden
+
+    def put_back(self, hidden: Hidden) -> None:
+        """Put back what was hidden."""
+        for row, (field, left) in hidden.items():
+            self._fields[row] = field
+            self.evidence[row].left[:] = left
+            self._believe(row)
 
     def entries_of(self, taken: Taken) -> Rows:
         """The entries of some detections."""

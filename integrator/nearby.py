@@ -1,5 +1,7 @@
 """Kernels: which points lie near others, and which hang together."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,23 @@ from contactfusion.integrator.cells import Dealt
 from contactfusion.jit import kernel
 
 Rows = NDArray[np.intp]
+BETWEEN = 0.4
+"""What is no further from the middle of two points lies between them, in parts of their distance:
+what is beside both in a grid does not."""
+
+
+class Barrier(NamedTuple):
+    """Points that others do not hang together over.
+
+    Attributes:
+        points: shape (m, 3) [m].
+        cells: the points by cells.
+        away: shape (n,), how far the nearest of them is from each of the others [m].
+    """
+
+    points: FloatArray
+    cells: Dealt
+    away: FloatArray
 
 
 @kernel
@@ -221,8 +240,29 @@ def connected(
 
 
 @kernel
-def linked(points: FloatArray, cells: Dealt, reaches: FloatArray) -> tuple[NDArray[np.int32], int]:
-    """Label points by which hang together.
+def _is_barred(barrier: Barrier, x: float, y: float, z: float, reach: float) -> bool:
+    """Whether a point of a barrier is nearer than a reach [m] to a place."""
+    cells, low, found = barrier.cells, barrier.cells.low, False
+    side, counts, begins = cells.side, cells.counts, cells.begins
+    i, j, k = x - low[0], y - low[1], z - low[2]
+    j_first, j_end = _first(j, reach, side, counts[1]), _end(j, reach, side, counts[1])
+    k_first, k_end = _first(k, reach, side, counts[2]), _end(k, reach, side, counts[2])
+    for row in range(_first(i, reach, side, counts[0]), _end(i, reach, side, counts[0])):
+        for column in range(row * counts[1] + j_first, row * counts[1] + j_end):
+            begin, end = begins[column * counts[2] + k_first], begins[column * counts[2] + k_end]
+            for other in cells.rows[begin:end]:
+                found |= _squared(barrier.points, other, x, y, z) < reach * reach
+    return found
+
+
+@kernel
+def linked(
+    points: FloatArray,
+    cells: Dealt,
+    reaches: FloatArray,
+    barrier: Barrier,
+) -> tuple[NDArray[np.int32], int]:
+    """Label points by which hang together, but not over a barrier.
 
     What is labelled leaves its cell, so that hardly a pair is looked at twice.
 
@@ -231,12 +271,13 @@ def linked(points: FloatArray, cells: Dealt, reaches: FloatArray) -> tuple[NDArr
         cells: the points by cells.
         reaches: shape (n,), points that are no further apart than the sum of theirs hang together
             [m].
+        barrier: what they do not hang together over.
 
     Returns:
         Labels of shape (n,), numbered in the order of the groups' first points, and their number.
     """
     side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
-    rows, ends, furthest = cells.rows.copy(), begins[1:].copy(), reaches.max()
+    rows, ends, furthest, clear = cells.rows.copy(), begins[1:].copy(), reaches.max(), barrier.away
     places, own = points[rows], reaches[rows]  # those of a cell side by side
     labels, found, number = np.full(len(points), NONE, np.int32), np.empty(len(points), np.intp), 0
     for start in range(len(points)):
@@ -256,11 +297,16 @@ def linked(points: FloatArray, cells: Dealt, reaches: FloatArray) -> tuple[NDArr
                     for cell in range(column + k_first, column + k_end):
                         at = begins[cell]
                         while at < ends[cell]:
-                            most = (reaches[row] + own[at]) ** 2
-                            if _squared(places, at, px, py, pz) > most:
+                            squared = _squared(places, at, px, py, pz)
+                            other = rows[at]
+                            apart = squared > (reaches[row] + own[at]) ** 2
+                            furthest_off = (0.5 + BETWEEN) * np.sqrt(squared)
+                            if not apart and furthest_off > max(clear[row], clear[other]):
+                                mx, my, mz = 0.5 * (places[at] + points[row])
+                                apart = _is_barred(barrier, mx, my, mz, BETWEEN * np.sqrt(squared))
+                            if apart:
                                 at += 1
                                 continue
-                            other = rows[at]
                             if labels[other] == NONE:  # not the first one itself
                                 found[count], labels[other] = other, number
                                 count += 1

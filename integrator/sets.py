@@ -161,7 +161,13 @@ class Search:
                 if borne[basin.core].all():  # nor on links of which none of them tells
                     weights *= borne
                 basin = self._fields.places.anywhere(basin, weights)
+            hidden = self._fields.hide_rivals(taken)
+            if hidden:
+                within = np.zeros(len(weights))
+                within[basin.rows] = self._weights(beside)[basin.rows]
+                basin = self._fields.places.densest(within / within.max())
             found.append((basin, estimate(self._fields, basin, taken)))
+            self._fields.put_back(hidden)
             for row, own in taken.items():
                 self._fields.take_out(row, own)
             link = found[-1][1].link

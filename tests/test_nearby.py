@@ -11,6 +11,8 @@ from scipy.spatial.distance import cdist
 from contactfusion.contacts import NONE
 from contactfusion.integrator.cells import cell_list, grouped
 from contactfusion.integrator.nearby import (
+    BETWEEN,
+    Barrier,
     around,
     connected,
     labelled,
@@ -106,21 +108,40 @@ def test_connected_is_what_a_chain_of_steps_joins_over_what_is_high_enough(
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(1, 300),
+    barred=st.integers(0, 100),
     reach=st.sampled_from((0.0, 0.001, 0.006, 0.012, 0.02, 0.3)),
     side=st.sampled_from((0.005, 0.02, 1.0)),
 )
-def test_linked_labels_what_chains_of_steps_join(
-    seed: int, count: int, reach: float, side: float
+def test_linked_labels_what_chains_of_steps_join_that_no_barrier_bars(
+    seed: int, count: int, barred: int, reach: float, side: float
 ) -> None:
     rng = np.random.default_rng(seed)
-    points = rng.uniform(0, 0.1, (count, 3))
+    points, others = rng.uniform(0, 0.1, (count, 3)), rng.uniform(0, 0.1, (barred + 1, 3))
     points[count // 2 :] = points[: count - count // 2]  # equal ones, too
-    reaches = 0.5 * reach * rng.uniform(0.5, 1.0, count)
-    labels, number = linked(points, cell_list(points, side), reaches)
-    links = csr_matrix((cdist(points, points) <= reaches + reaches[:, None]).astype(np.int8))
-    expected, components = connected_components(links)
+    reaches, apart = 0.5 * reach * rng.uniform(0.5, 1.0, count), cdist(points, points)
+    away = cdist(points, others).min(axis=1) if barred else np.full(count, np.inf)
+    barrier = Barrier(others, cell_list(others, side), away)
+    labels, number = linked(points, cell_list(points, side), reaches, barrier)
+    links = apart <= reaches + reaches[:, None]
+    if barred:
+        middles = 0.5 * (points[:, None] + points).reshape(-1, 3)
+        links &= cdist(middles, others).min(axis=1).reshape(links.shape) >= BETWEEN * apart
+    expected, components = connected_components(csr_matrix(links.astype(np.int8)))
     assert number == expected
     np.testing.assert_array_equal(labels, components)  # both number them by their first point
+
+
+def test_in_a_grid_a_barrier_bars_steps_over_it_and_none_beside_it() -> None:
+    def joined(second: tuple[float, float], *barring: tuple[float, float]) -> bool:
+        ends = 0.005 * np.array([(0.0, 0.0, 0.0), (*second, 0.0)])
+        others = 0.005 * np.array([(*each, 0.0) for each in barring])
+        barrier = Barrier(others, cell_list(others, 0.02), cdist(ends, others).min(axis=1))
+        return linked(ends, cell_list(ends, 0.02), np.full(2, 0.02), barrier)[1] == 1
+
+    assert not joined((2, 0), (1, 0))
+    assert joined((2, 0), (1, 1), (1, -1))
+    assert joined((1, 1), (1, 0), (0, 1))
+    assert not joined((2, 2), (1, 1))
 
 
 def test_what_hangs_together_with_a_low_place_is_found_with_it() -> None:

@@ -166,6 +166,40 @@ def test_presses_a_taxel_apart_are_two_when_what_is_between_them_is_unlikely() -
     assert len(fused(emit("skin", (0.9, 0.8, 0.9), row, 50 / 12**0.5)).contacts) == 1
 
 
+@SURFACES
+@pytest.mark.parametrize("spread", [4.3, 6.0])
+def test_presses_that_a_skin_tells_apart_are_two_though_its_place_is_unsure(
+    spread: float, surface: Surface | None
+) -> None:
+    x, y = np.meshgrid(np.arange(-25.0, 26.0, 5.0), [-5.0, 0.0, 5.0])
+    ends = np.array([(-10.0, 0.0, 0.0), (10.0, 0.0, 0.0)])
+    pressed = np.exp(-0.5 * ((x - ends[:, :1, None]) ** 2 + y**2) / 5.0**2)
+    taxels = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    found = places(
+        fused(emit("skin", 0.9 * pressed.max(axis=0).ravel(), taxels, spread), surface=surface)
+    )
+    assert len(found) == 2
+    np.testing.assert_allclose(found[found[:, 0].argsort()], ends, atol=2.5)
+
+
+@pytest.mark.parametrize("spread", [1.5, 4.3])
+def test_a_face_pressed_unevenly_or_with_a_dead_taxel_is_one(spread: float) -> None:
+    x, y = np.meshgrid(np.arange(0.0, 30.0, 5.0), np.arange(0.0, 30.0, 5.0))
+    taxels = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    uneven = np.where((x + 2.0 * y) % 25.0 == 5.0, 0.2, 0.9).ravel()
+    row = np.delete(taxels[:6], 2, axis=0)
+    for cloud in (emit("skin", uneven, taxels, spread), emit("skin", 0.9, row, 4.3)):
+        assert away(only(cloud), cloud.positions.mean(axis=0) * 1e3) < 4.0
+
+
+def test_likelihoods_that_vary_within_the_spread_are_one_contact() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        radii, turns = 20.0 * np.sqrt(rng.uniform(size=80)), rng.uniform(0.0, 2.0 * np.pi, 80)
+        cloud = np.stack([radii * np.cos(turns), radii * np.sin(turns), 0.0 * turns], axis=1)
+        only(emit("camera", rng.uniform(0.2, 0.9, 80), cloud, 8.0))
+
+
 @pytest.mark.parametrize("spread", [3.0, 4.0])
 def test_presses_two_centimetres_apart_are_two_of_one_skin_and_of_two(spread: float) -> None:
     ends = np.array([(-10, 0, 0), (10, 0, 0)])
