@@ -18,7 +18,17 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import ours, over_surface, peers, perception, pushing, steady, torques, touch
+from benchmarks import (
+    growth,
+    ours,
+    over_surface,
+    peers,
+    perception,
+    pushing,
+    steady,
+    torques,
+    touch,
+)
 from benchmarks.pcl import PclPeer
 from benchmarks.table import Row, write_json
 from benchmarks.twin import Twin
@@ -44,8 +54,8 @@ def main() -> None:
     print(", ".join(f"{name} {number}" for name, number in versions.items()))
     print("CPU time of one thread; median and range of interleaved rounds\n")
     rows = []
-    sections = (_cycle, over_surface.rows, _fresh, _growth, _first, touch.rows, pushing.rows)
-    for section in (*sections, torques.rows, perception.rows):
+    sections = (_cycle, over_surface.rows, growth.rows, _fresh, _growth, _first, touch.rows)
+    for section in (*sections, pushing.rows, torques.rows, perception.rows):
         for row in section(options.rounds):
             print(row, flush=True)
             rows.append(row)

@@ -3,15 +3,18 @@
     python -m benchmarks.growth
 
 Each source sends five hypotheses a step, around contacts on a sphere; the surface is given or not.
-Prints the time of a step, and of a source in it.
+Prints the time of a step, and of a source in it; `make bench` has the growth from 10 to 100.
 """
 
 import argparse
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.interleave import Spread
+from benchmarks.table import Row
 from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
 from contactfusion.shapes import BodyConfig
 from contactfusion.surface import Surface
@@ -19,16 +22,33 @@ from contactfusion.surface import Surface
 RADIUS, SPACING, SPREAD = 0.2, 0.01, 0.003
 """Of the sphere, of the points on it, and of the hypotheses around a contact [m]."""
 STEPS = 4
+FEW, MANY = 10, 100
+"""Sources between which the growth is measured."""
+
+
+def rows(rounds: int) -> Iterator[Row]:
+    """Measure how a step grows with the number of sources."""
+    surface = _sphere()
+    for rule in ("sets", "de_morgan"):
+        grown = [
+            step_of(MANY, rule, surface) / step_of(FEW, rule, surface) for _ in range(rounds + 1)
+        ]
+        name = f"{rule}, {MANY} sources against {FEW}"
+        yield Row(name, Spread.of(grown[1:]), "x time", 1.1 * MANY / FEW)
+
+
+def _sphere() -> Surface:
+    body = BodyConfig.model_validate(
+        {"frame": "base", "shapes": [{"shape": "sphere", "radius": RADIUS}], "spacing": SPACING}
+    )
+    return body.sampled(Path())
 
 
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.growth", description=__doc__)
     parser.add_argument("--sources", type=int, nargs="+", default=[10, 100, 300, 1000])
-    body = BodyConfig.model_validate(
-        {"frame": "base", "shapes": [{"shape": "sphere", "radius": RADIUS}], "spacing": SPACING}
-    )
-    surface = body.sampled(Path())
+    surface = _sphere()
     counts = parser.parse_args().sources
     for rule, known in (("sets", surface), ("sets", None), ("de_morgan", surface)):
         for count in counts:

@@ -21,18 +21,14 @@ IN_PLANE = 60
 
 def rows(rounds: int) -> Iterator[Row]:
     """Measure pushes by the set `tuned`, from random starts to random targets, in CPU time."""
-    targets = read_targets(TARGETS)
-    plan = read_plan("skin", [], [], [], targets, "random", 12, SkinConfig(), (), SEED)
-    pushes = plan.pushes()
-    run_trial(plan, pushes[0], "tuned")  # compiles
-    costs = [[run_trial(plan, push, "tuned")[1] for push in pushes] for _ in range(rounds)]
+    costs = _costs("skin", rounds)
     pushed = [60.0 / _cpu(some) * len(some) for some in costs]
     yield Row("pushes felt by skin, a minute", Spread.of(pushed), "", 80.0, True)
     cycles = [np.concatenate([one.fused for one in some]) for some in costs]
     shares = [float(one.sum()) / _cpu(some) for one, some in zip(cycles, costs, strict=True)]
     yield Row("  of it generators, fusion, controller", Spread.of(shares), "")
-    tails = [1e3 * float(np.quantile(one, 0.99)) for one in cycles]
-    yield Row("  a control cycle of these: p99", Spread.of(tails), "ms", 5.0)
+    yield Row("  a control cycle of these: p99", _tail(costs), "ms", 5.0)
+    yield Row("a control cycle fused with LiDAR: p99", _tail(_costs("fused", rounds)), "ms", 6.0)
     plan, pushes = random_pushes(IN_PLANE, SEED)
     rates = []
     for _ in range(rounds + 1):
@@ -40,6 +36,21 @@ def rows(rounds: int) -> Iterator[Row]:
         rate_in_plane(plan, pushes, False, SETS["tuned"])
         rates.append(IN_PLANE / (time.process_time() - start))
     yield Row("pushes in the plane, a second", Spread.of(rates[1:]), "", 50.0, True)
+
+
+def _costs(sensing: str, rounds: int) -> list[list[Cost]]:
+    """What each push of each round costs by a sensor suite."""
+    targets = read_targets(TARGETS)
+    plan = read_plan(sensing, [], [], [], targets, "random", 12, SkinConfig(), (), SEED)
+    pushes = plan.pushes()
+    run_trial(plan, pushes[0], "tuned")  # compiles
+    return [[run_trial(plan, push, "tuned")[1] for push in pushes] for _ in range(rounds)]
+
+
+def _tail(costs: list[list[Cost]]) -> Spread:
+    """The 99th percentile of the control cycles of each round [ms]."""
+    cycles = [np.concatenate([one.fused for one in some]) for some in costs]
+    return Spread.of([1e3 * float(np.quantile(one, 0.99)) for one in cycles])
 
 
 def _cpu(costs: list[Cost]) -> float:
