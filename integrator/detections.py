@@ -99,10 +99,11 @@ class Evidence:
         [m]; those of a voxel are one, and were up to half of its side away from it."""
         self.labels = np.zeros(len(shared), np.int32)
         """The detection of each hypothesis, shape (n,); those of a single contact are one."""
-        self.groups = np.zeros(1, np.int32)
+        self._groups = np.zeros(1, np.int32)
         """The group of each detection, shape (d,): between those of one it is much less likely."""
         if not cloud.single:
-            self.labels, self.groups = detections(cloud, self.reaches)
+            self.labels, self._groups = detections(cloud, self.reaches)
+        self._is_split = len(np.unique(self._groups)) < len(self._groups)
         self.peaks = np.zeros(int(self.labels.max()) + 1)
         """The probability of a contact by each detection, shape (d,)."""
         combine = np.add if cloud.single else np.maximum
@@ -124,23 +125,27 @@ class Evidence:
         return wanted
 
     def first_of_groups(self, found: NDArray[np.bool_], place: FloatArray) -> NDArray[np.bool_]:
-        """Of each group among detections the one that is nearest to a place, shape (d,).
+        """Of each group among some detections the one that is nearest to a place, shape (d,).
 
         Args:
             found: shape (d,), which detections.
             place: shape (3,) [m].
         """
-        labels = np.flatnonzero(found)
-        if len(np.unique(self.groups[labels])) == len(labels):
+        if not self._is_split:
             return found
         away = np.full(len(found), np.inf)
-        squared = np.square(self.cloud.positions - place).sum(axis=1)
-        np.minimum.at(away, self.labels, squared)
+        np.minimum.at(away, self.labels, np.square(self.cloud.positions - place).sum(axis=1))
+        labels = np.flatnonzero(found)
         labels = labels[np.argsort(away[labels], kind="stable")]
-        first = labels[np.unique(self.groups[labels], return_index=True)[1]]
-        kept = np.zeros(len(found), np.bool_)
-        kept[first] = True
-        return kept
+        first = np.zeros(len(found), np.bool_)
+        first[labels[np.unique(self._groups[labels], return_index=True)[1]]] = True
+        return first
+
+    def rivals(self, taken: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The detections left that are told apart from some, both of shape (d,)."""
+        if not self._is_split:
+            return np.zeros(len(taken), np.bool_)
+        return self.left & ~taken & np.isin(self._groups, self._groups[taken])
 
     def nearest(self, place: FloatArray) -> FloatArray:
         """The position left that is nearest to a place, both of shape (3,) [m]."""

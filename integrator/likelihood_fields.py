@@ -290,8 +290,7 @@ class LikelihoodFields:
         hidden = dict[int, tuple[SourceField, NDArray[np.bool_]]]()
         for row, own in taken.items():
             each = self.evidence[row]
-            rivals = each.left & ~own & np.isin(each.groups, each.groups[own])
-            if rivals.any():
+            if (rivals := each.rivals(own)).any():
                 hidden[row] = self._fields[row].copy(), each.left.copy()
                 self.take_out(row, rivals)
         return hidden
