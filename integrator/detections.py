@@ -12,7 +12,7 @@ from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.cells import Dealt, cell_list, grouped, nearest
 from contactfusion.integrator.entries import Entries
-from contactfusion.integrator.nearby import Barrier, around, linked, nearest_left, reached
+from contactfusion.integrator.nearby import Barrier, around, linked, nearest_left, reached, spacings
 from contactfusion.integrator.store import Int64Array
 
 CERTAIN = 0.99
@@ -24,10 +24,15 @@ CELL = 4.0
 """The side of the cells of hypotheses, in standard deviations of a position."""
 ALIKE = 0.999
 """A single contact's hypotheses state one force when their mean has that part of their strength."""
+SPACING = 0.9
+"""The spacing of a source's hypotheses: that part of them have a neighbour that is no further."""
+SAMPLED, UNSURE = 1.9, 1.5 / (0.5 * LINK)
+"""A detection goes on over steps of so many spacings: beside and across a corner of a grid, but not
+over a hypothesis that is missing; or of one and a half standard deviations, in reaches."""
 WITHIN = 0.75 / (0.5 * LINK)
 """What is not likely counts as likely up to three quarters of a standard deviation beside what is,
 in reaches: it may be there."""
-PEAK = 0.4
+PEAK = 1.0 / 3.0
 """A detection that is less likely than this part of its peak between two peaks is two."""
 
 
@@ -180,8 +185,9 @@ class Evidence:
 def detections(cloud: Cloud, reaches: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Which hypotheses of several contacts belong together.
 
-    Those that lie no further apart than their spreads tell apart do; a group with several peaks
-    falls into these where it is much less likely between them.
+    Those that lie no further apart than their spreads tell apart are a group. It falls into several
+    detections where nothing is between them, though it would be sampled, or what is much less
+    likely.
 
     Args:
         cloud: the hypotheses.
@@ -201,13 +207,17 @@ def detections(cloud: Cloud, reaches: FloatArray) -> tuple[NDArray[np.int32], ND
         top = nearest(places[~high], places[high], cell_list(places[high], away))
         offsets = places[~high] - places[high][top]
         high[~high] = np.linalg.norm(offsets, axis=1) <= WITHIN * reaches[~high]
-    if high.all():
-        return groups, np.arange(count, dtype=np.int32)
-    labels, tops, lows = np.empty(len(high), np.int32), places[high], places[~high]
-    cells = cell_list(lows, away)
-    clear = np.linalg.norm(tops - lows[nearest(tops, lows, cells)], axis=1)
-    valleys = Barrier(lows, cells, clear)
-    labels[high], peaks = linked(tops, cell_list(tops, away), reaches[high], valleys)
+    spacing = float(np.quantile(spacings(places, cells, away), SPACING))
+    step = max(SAMPLED * spacing, UNSURE * float(np.median(reaches)))
+    valleys = nothing
+    if not high.all():
+        lows = places[~high]
+        cells = cell_list(lows, away)
+        clear = np.linalg.norm(places[high] - lows[nearest(places[high], lows, cells)], axis=1)
+        valleys = Barrier(lows, cells, clear)
+    labels, tops = np.empty(len(high), np.int32), places[high]
+    finer = np.minimum(reaches[high], 0.5 * step)
+    labels[high], peaks = linked(tops, cell_list(tops, away), finer, valleys)
     lowest, highest = np.full(count, peaks, np.int32), np.full(count, NONE, np.int32)
     np.minimum.at(lowest, groups[high], labels[high])
     np.maximum.at(highest, groups[high], labels[high])

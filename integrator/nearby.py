@@ -320,6 +320,33 @@ def linked(
 
 
 @kernel
+def spacings(points: FloatArray, cells: Dealt, most: float) -> FloatArray:
+    """How far the nearest other point is from each, at most `most` [m], shape (n,).
+
+    Args:
+        points: shape (n, 3) [m].
+        cells: the points by cells.
+        most: [m].
+    """
+    side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
+    found = np.full(len(points), most)
+    for row in range(len(points)):
+        px, py, pz = points[row]
+        x, y, z, least = px - low[0], py - low[1], pz - low[2], most * most
+        j_first, j_end = _first(y, most, side, counts[1]), _end(y, most, side, counts[1])
+        k_first, k_end = _first(z, most, side, counts[2]), _end(z, most, side, counts[2])
+        for i in range(_first(x, most, side, counts[0]), _end(x, most, side, counts[0])):
+            for j in range(j_first, j_end):
+                column = (i * counts[1] + j) * counts[2]
+                for other in cells.rows[begins[column + k_first] : begins[column + k_end]]:
+                    squared = _squared(points, other, px, py, pz)
+                    if squared < least and other != row:
+                        least = squared
+        found[row] = np.sqrt(least)
+    return found
+
+
+@kernel
 def nearer(points: FloatArray, rows: Rows, these: Rows, others: Rows) -> NDArray[np.bool_]:
     """Which of some points are no further from these than from the others, shape (len(rows),).
 

@@ -22,6 +22,7 @@ from contactfusion.integrator.nearby import (
     nearest_left,
     reached,
     shifted,
+    spacings,
 )
 
 
@@ -129,6 +130,21 @@ def test_linked_labels_what_chains_of_steps_join_that_no_barrier_bars(
     expected, components = connected_components(csr_matrix(links.astype(np.int8)))
     assert number == expected
     np.testing.assert_array_equal(labels, components)  # both number them by their first point
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(1, 100),
+    most=st.sampled_from((0.001, 0.01, 1.0)),
+    side=st.sampled_from((0.005, 0.02, 1.0)),
+)
+def test_spacings_are_distances_of_nearest_others(
+    seed: int, count: int, most: float, side: float
+) -> None:
+    points = np.random.default_rng(seed).uniform(0, 0.1, (count, 3))
+    apart = cdist(points, points) + np.diag(np.full(count, np.inf))
+    expected = np.minimum(apart.min(axis=1), most)
+    np.testing.assert_allclose(spacings(points, cell_list(points, side), most), expected)
 
 
 def test_in_a_grid_a_barrier_bars_steps_over_it_and_none_beside_it() -> None:

@@ -187,9 +187,18 @@ def test_a_face_pressed_unevenly_or_with_a_dead_taxel_is_one(spread: float) -> N
     x, y = np.meshgrid(np.arange(0.0, 30.0, 5.0), np.arange(0.0, 30.0, 5.0))
     taxels = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
     uneven = np.where((x + 2.0 * y) % 25.0 == 5.0, 0.2, 0.9).ravel()
-    row = np.delete(taxels[:6], 2, axis=0)
-    for cloud in (emit("skin", uneven, taxels, spread), emit("skin", 0.9, row, 4.3)):
+    alive = np.delete(taxels, 14, axis=0)
+    for cloud in (emit("skin", uneven, taxels, spread), emit("skin", 0.9, alive, spread)):
         assert away(only(cloud), cloud.positions.mean(axis=0) * 1e3) < 4.0
+
+
+@SURFACES
+def test_presses_with_untouched_taxels_between_them_are_two(surface: Surface | None) -> None:
+    ends = np.array([(-12.5, 0.0, 0.0), (12.5, 0.0, 0.0)])
+    pressed = (ends[:, None] + PATCH).reshape(-1, 3)
+    found = places(fused(emit("skin", 0.9, pressed, 4.3), surface=surface))
+    assert len(found) == 2
+    np.testing.assert_allclose(found[found[:, 0].argsort()], ends, atol=1.5)
 
 
 def test_likelihoods_that_vary_within_the_spread_are_one_contact() -> None:

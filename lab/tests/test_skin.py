@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.distance import pdist
+from scipy.spatial.distance import cdist, pdist
 
+from contactfusion.readings import TactileImage
 from contactfusion_lab.experiments import skin
 from contactfusion_lab.experiments.methods import DEFAULT_METHOD
 from contactfusion_lab.experiments.skin import Touch, matched, pressed, run_skin, touches
@@ -45,3 +46,19 @@ def test_presses_that_a_skin_tells_apart_are_found(tmp_path: Path) -> None:
     run_skin(1, 0.02, 7, [DEFAULT_METHOD], tmp_path)
     text = (tmp_path / "table.md").read_text()
     assert "| 6 | sets/members |" in text and (tmp_path / "skin.png").is_file()
+
+
+def test_presses_stay_two_contacts_while_taxels_err() -> None:
+    rng = np.random.default_rng(1)
+    touch = Touch(np.array([[-0.0115, 0.001, 0.0], [0.0135, 0.001, 0.0]]), np.zeros(0))
+    weights = np.exp(-0.5 * cdist(skin.centres(), touch.places, "sqeuclidean") / skin.SPREAD**2)
+    pipeline, seen = skin.pipeline_of(DEFAULT_METHOD), list[int]()
+    for step in range(40):
+        values = weights @ [0.3, 1.5] + skin.NOISE * rng.standard_normal(len(weights))
+        pipeline.receive(
+            TactileImage(stamp=0.05 * step, frame="skin", sensor="skin", values=values)
+        )
+        fusion = pipeline.step(0.05 * step).fusion
+        seen.append(len(fusion.contacts))
+        assert step == 0 or not fusion.changes
+    assert set(seen) == {2}

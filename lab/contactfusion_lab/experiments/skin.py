@@ -133,12 +133,17 @@ def touches(seed: int, count: int, apart: float) -> Iterator[tuple[str, Touch]]:
             yield f"{presses}-{number:03d}", pressed(presses, apart, rng)
 
 
-def located(values: FloatArray, method: Method) -> FloatArray:
-    """Where the contacts of a method lie by one reading, shape (m, 3) [m]."""
+def pipeline_of(method: Method) -> Pipeline:
+    """The skin's generator, and a method that fuses it."""
     patch = {"grid": {"rows": SIDE, "columns": SIDE, "pitch": [PITCH, PITCH]}}
     skin = {"type": "tactile", "sensor": "skin", "patch": patch, "baseline": {"noise": NOISE}}
     integrator = method.applied(IntegratorConfig(frame="skin"))
-    pipeline = Pipeline(PipelineConfig(generators={"skin": skin}, integrator=integrator))
+    return Pipeline(PipelineConfig(generators={"skin": skin}, integrator=integrator))
+
+
+def located(values: FloatArray, method: Method) -> FloatArray:
+    """Where the contacts of a method lie by one reading, shape (m, 3) [m]."""
+    pipeline = pipeline_of(method)
     pipeline.receive(TactileImage(stamp=0.0, frame="skin", sensor="skin", values=values))
     contacts = pipeline.step(0.0).fusion.contacts
     return np.reshape([contact.position for contact in contacts], (-1, 3))
