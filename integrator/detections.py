@@ -24,11 +24,13 @@ CELL = 4.0
 """The side of the cells of hypotheses, in standard deviations of a position."""
 ALIKE = 0.999
 """A single contact's hypotheses state one force when their mean has that part of their strength."""
-SPACING = 0.9
-"""The spacing of a source's hypotheses: that part of them have a neighbour that is no further."""
+SPACING, REGULAR = 0.9, 1.2
+"""The spacing of a source's hypotheses: that part of them have a neighbour that is no further. It
+samples regularly, as a skin, where as many have none that is nearer than the spacing over this."""
 SAMPLED, UNSURE = 1.9, 1.5 / (0.5 * LINK)
-"""A detection goes on over steps of so many spacings: beside and across a corner of a grid, but not
-over a hypothesis that is missing; or of one and a half standard deviations, in reaches."""
+"""A detection of such a source goes on over steps of so many spacings, or sides of voxels: beside
+and across a corner of a grid, but over no hypothesis that is missing; or of one and a half standard
+deviations, in reaches."""
 WITHIN = 0.75 / (0.5 * LINK)
 """What is not likely counts as likely up to three quarters of a standard deviation beside what is,
 in reaches: it may be there."""
@@ -107,7 +109,7 @@ class Evidence:
         self._groups = np.zeros(1, np.int32)
         """The group of each detection, shape (d,): between those of one it is much less likely."""
         if not cloud.single:
-            self.labels, self._groups = detections(cloud, self.reaches)
+            self.labels, self._groups = detections(cloud, self.reaches, side)
         self._is_split = len(np.unique(self._groups)) < len(self._groups)
         self.peaks = np.zeros(int(self.labels.max()) + 1)
         """The probability of a contact by each detection, shape (d,)."""
@@ -182,16 +184,19 @@ class Evidence:
         return float(self.peaks[of].max(initial=0.0))
 
 
-def detections(cloud: Cloud, reaches: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def detections(
+    cloud: Cloud, reaches: FloatArray, side: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Which hypotheses of several contacts belong together.
 
     Those that lie no further apart than their spreads tell apart are a group. It falls into several
-    detections where nothing is between them, though it would be sampled, or what is much less
-    likely.
+    detections where a source that samples regularly has nothing between them, or what is much less
+    likely is.
 
     Args:
         cloud: the hypotheses.
         reaches: shape (n,), they are no further apart than the sum of theirs [m].
+        side: of a voxel [m].
 
     Returns:
         The detection of each hypothesis, shape (n,), and the group of each detection, shape (d,).
@@ -207,8 +212,10 @@ def detections(cloud: Cloud, reaches: FloatArray) -> tuple[NDArray[np.int32], ND
         top = nearest(places[~high], places[high], cell_list(places[high], away))
         offsets = places[~high] - places[high][top]
         high[~high] = np.linalg.norm(offsets, axis=1) <= WITHIN * reaches[~high]
-    spacing = float(np.quantile(spacings(places, cells, away), SPACING))
-    step = max(SAMPLED * spacing, UNSURE * float(np.median(reaches)))
+    least, spacing = np.quantile(spacings(places, cells, away), (1.0 - SPACING, SPACING)).tolist()
+    step = max(SAMPLED * max(spacing, side), UNSURE * float(np.median(reaches)))
+    if spacing > REGULAR * least:  # a gap may be chance
+        step = away
     valleys = nothing
     if not high.all():
         lows = places[~high]

@@ -201,6 +201,14 @@ def test_presses_with_untouched_taxels_between_them_are_two(surface: Surface | N
     np.testing.assert_allclose(found[found[:, 0].argsort()], ends, atol=1.5)
 
 
+def test_a_gap_in_what_is_sampled_by_chance_parts_no_contact() -> None:
+    rng = np.random.default_rng(0)
+    halves = np.concatenate(
+        [rng.uniform(-5.0, 5.0, (40, 3)) + (x, 0.0, 0.0) for x in (-11.0, 11.0)]
+    )
+    only(emit("camera", 0.8, halves * (1.0, 1.0, 0.0), 7.0))
+
+
 def test_likelihoods_that_vary_within_the_spread_are_one_contact() -> None:
     rng = np.random.default_rng(0)
     for _ in range(10):
