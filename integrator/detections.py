@@ -24,6 +24,8 @@ CELL = 4.0
 """The side of the cells of hypotheses, in standard deviations of a position."""
 ALIKE = 0.999
 """A single contact's hypotheses state one force when their mean has that part of their strength."""
+SAMPLES = 256
+"""Of about so many hypotheses, or twice as many, the spacing is measured."""
 SPACING, REGULAR = 0.9, 1.2
 """The spacing of a source's hypotheses: that part of them have a neighbour that is no further. It
 samples regularly, as a skin, where as many have none that is nearer than the spacing over this."""
@@ -31,11 +33,14 @@ SAMPLED, UNSURE = 1.9, 1.5 / (0.5 * LINK)
 """A detection of such a source goes on over steps of so many spacings, or sides of voxels: beside
 and across a corner of a grid, but over no hypothesis that is missing; or of one and a half standard
 deviations, in reaches."""
+VALLEY = 1.0 / 3.0
+"""What is less likely than this part of the peak of its group parts such a detection."""
 WITHIN = 0.75 / (0.5 * LINK)
-"""What is not likely counts as likely up to three quarters of a standard deviation beside what is,
-in reaches: it may be there."""
-PEAK = 1.0 / 3.0
-"""A detection that is less likely than this part of its peak between two peaks is two."""
+"""What is not counts as likely up to three quarters of a standard deviation beside what is, in
+reaches: it may be there."""
+PEAK = 0.5
+"""A detection of any other source that is less likely than this part of its peak between two peaks
+is two."""
 
 
 class Cloud(NamedTuple):
@@ -138,11 +143,12 @@ class Evidence:
             found: shape (d,), which detections.
             place: shape (3,) [m].
         """
-        if not self._is_split:
-            return found
-        away = np.full(len(found), np.inf)
-        np.minimum.at(away, self.labels, np.square(self.cloud.positions - place).sum(axis=1))
         labels = np.flatnonzero(found)
+        if not self._is_split or len(np.unique(self._groups[labels])) == len(labels):
+            return found
+        rows, away = self.rows_of(found), np.full(len(found), np.inf)
+        squared = np.square(self.cloud.positions[rows] - place).sum(axis=1)
+        np.minimum.at(away, self.labels[rows], squared)
         labels = labels[np.argsort(away[labels], kind="stable")]
         first = np.zeros(len(found), np.bool_)
         first[labels[np.unique(self._groups[labels], return_index=True)[1]]] = True
@@ -189,9 +195,9 @@ def detections(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Which hypotheses of several contacts belong together.
 
-    Those that lie no further apart than their spreads tell apart are a group. It falls into several
-    detections where a source that samples regularly has nothing between them, or what is much less
-    likely is.
+    Those that lie no further apart than their spreads tell apart are a group. That of a source
+    which samples regularly falls into several detections where nothing is between them, or what is
+    much less likely; of another one where that is further than their spreads tell apart.
 
     Args:
         cloud: the hypotheses.
@@ -205,26 +211,22 @@ def detections(
     cells = cell_list(places, away)
     nothing = Barrier(places, cells, np.full(len(places), np.inf))
     groups, count = linked(places, cells, reaches, nothing)
+    sample = np.arange(0, len(places), 1 + len(places) // SAMPLES)
+    near = spacings(places, cells, sample, away)
+    least, spacing = np.quantile(near, (1.0 - SPACING, SPACING)).tolist()
+    is_regular = spacing <= REGULAR * least
     peak = np.zeros(count)
     np.maximum.at(peak, groups, cloud.likelihoods)
-    high = cloud.likelihoods >= PEAK * peak[groups]
-    if not high.all():
-        top = nearest(places[~high], places[high], cell_list(places[high], away))
-        offsets = places[~high] - places[high][top]
-        high[~high] = np.linalg.norm(offsets, axis=1) <= WITHIN * reaches[~high]
-    least, spacing = np.quantile(spacings(places, cells, away), (1.0 - SPACING, SPACING)).tolist()
-    step = max(SAMPLED * max(spacing, side), UNSURE * float(np.median(reaches)))
-    if spacing > REGULAR * least:  # a gap may be chance
-        step = away
-    valleys = nothing
-    if not high.all():
-        lows = places[~high]
-        cells = cell_list(lows, away)
-        clear = np.linalg.norm(places[high] - lows[nearest(places[high], lows, cells)], axis=1)
-        valleys = Barrier(lows, cells, clear)
+    high = cloud.likelihoods >= (VALLEY if is_regular else PEAK) * peak[groups]
+    steps, valleys, lump = reaches, nothing, away
+    if is_regular:
+        step = max(SAMPLED * max(spacing, side), UNSURE * float(np.median(reaches)))
+        steps, lump = np.minimum(reaches, 0.5 * step), spacing
+        high, valleys = _valleys(places, high, WITHIN * reaches, lump)
+    elif high.all():
+        return groups, np.arange(count, dtype=np.int32)
     labels, tops = np.empty(len(high), np.int32), places[high]
-    finer = np.minimum(reaches[high], 0.5 * step)
-    labels[high], peaks = linked(tops, cell_list(tops, away), finer, valleys)
+    labels[high], peaks = linked(tops, cell_list(tops, away), steps[high], valleys)
     lowest, highest = np.full(count, peaks, np.int32), np.full(count, NONE, np.int32)
     np.minimum.at(lowest, groups[high], labels[high])
     np.maximum.at(highest, groups[high], labels[high])
@@ -233,13 +235,40 @@ def detections(
     if several.any():  # the rest belongs to the nearest peak, near neighbours together
         between, within = np.flatnonzero(several & ~high), np.flatnonzero(several & high)
         tops = cloud.positions[within]
-        dealt = cell_list(cloud.positions[between], away)
+        dealt = cell_list(cloud.positions[between], lump)
         counts = np.diff(dealt.begins)
         begins, counts = dealt.begins[:-1][counts > 0], counts[counts > 0]
         rows = between[dealt.rows]
         middles = np.add.reduceat(cloud.positions[rows], begins, axis=0) / counts[:, None]
         own = within[nearest(middles, tops, cell_list(tops, away))]
         labels[rows] = np.repeat(labels[own], counts)
+    if not is_regular:
+        return labels, np.arange(peaks, dtype=np.int32)
     owners = np.empty(peaks, np.int32)
     owners[labels] = groups
     return labels, owners
+
+
+def _valleys(
+    places: FloatArray, high: NDArray[np.bool_], within: FloatArray, side: float
+) -> tuple[NDArray[np.bool_], Barrier]:
+    """What parts peaks.
+
+    Args:
+        places: shape (n, 3) [m].
+        high: shape (n,), which are likely.
+        within: shape (n,), how far from what is likely others are, too [m].
+        side: of the cells by which they are searched [m].
+
+    Returns:
+        Which are likely, shape (n,), and the others.
+    """
+    tops = places[high]
+    offsets = places - tops[nearest(places, tops, cell_list(tops, side))]
+    high = np.linalg.norm(offsets, axis=1) <= np.where(high, np.inf, within)
+    if high.all():
+        return high, Barrier(places, cell_list(places, side), np.full(len(places), np.inf))
+    tops, lows = places[high], places[~high]
+    cells = cell_list(lows, side)
+    clear = np.linalg.norm(tops - lows[nearest(tops, lows, cells)], axis=1)
+    return high, Barrier(lows, cells, clear)

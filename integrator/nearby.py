@@ -320,18 +320,19 @@ def linked(
 
 
 @kernel
-def spacings(points: FloatArray, cells: Dealt, most: float) -> FloatArray:
-    """How far the nearest other point is from each, at most `most` [m], shape (n,).
+def spacings(points: FloatArray, cells: Dealt, rows: Rows, most: float) -> FloatArray:
+    """How far the nearest other point is from some, at most `most` [m], shape (len(rows),).
 
     Args:
         points: shape (n, 3) [m].
         cells: the points by cells.
+        rows: of the points.
         most: [m].
     """
     side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
-    found = np.full(len(points), most)
-    for row in range(len(points)):
-        px, py, pz = points[row]
+    found = np.empty(len(rows))
+    for number in range(len(rows)):
+        px, py, pz = points[rows[number]]
         x, y, z, least = px - low[0], py - low[1], pz - low[2], most * most
         j_first, j_end = _first(y, most, side, counts[1]), _end(y, most, side, counts[1])
         k_first, k_end = _first(z, most, side, counts[2]), _end(z, most, side, counts[2])
@@ -340,9 +341,9 @@ def spacings(points: FloatArray, cells: Dealt, most: float) -> FloatArray:
                 column = (i * counts[1] + j) * counts[2]
                 for other in cells.rows[begins[column + k_first] : begins[column + k_end]]:
                     squared = _squared(points, other, px, py, pz)
-                    if squared < least and other != row:
+                    if squared < least and other != rows[number]:
                         least = squared
-        found[row] = np.sqrt(least)
+        found[number] = np.sqrt(least)
     return found
 
 
