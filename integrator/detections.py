@@ -221,7 +221,7 @@ def detections(
     steps, valleys, lump = reaches, nothing, away
     if is_regular:
         step = max(SAMPLED * max(spacing, side), UNSURE * float(np.median(reaches)))
-        steps, lump = np.minimum(reaches, 0.5 * step), spacing
+        steps, lump = np.minimum(reaches, 0.5 * step), max(spacing, side)
         high, valleys = _valleys(places, high, WITHIN * reaches, lump)
     elif high.all():
         return groups, np.arange(count, dtype=np.int32)

@@ -201,6 +201,12 @@ def test_presses_with_untouched_taxels_between_them_are_two(surface: Surface | N
     np.testing.assert_allclose(found[found[:, 0].argsort()], ends, atol=1.5)
 
 
+def test_hypotheses_at_nearly_one_place_are_one_contact() -> None:
+    ends = np.array([(4.9999999999, 0.0, 0.0), (5.0000000001, 0.0, 0.0), (5.0, 4.9999999999, 0.0)])
+    only(emit("skin", (0.9, 0.2, 0.9), ends, 4.0))
+    only(emit("skin", (0.9, 0.2, 0.9), np.zeros((3, 3)), 0.0))
+
+
 def test_a_gap_in_what_is_sampled_by_chance_parts_no_contact() -> None:
     rng = np.random.default_rng(0)
     halves = np.concatenate(

@@ -118,7 +118,7 @@ def pressed(count: int, apart: float, rng: np.random.Generator) -> Touch:
         places[:, :2] = rng.uniform(-reach, reach, (count, 2))
         if count == 1 or pdist(places).min() >= apart:
             break
-    forces = np.exp(rng.uniform(*np.log(FORCES), count))
+    forces = np.exp(rng.uniform(np.log(FORCES[0]), np.log(FORCES[1]), count))
     density = np.exp(-0.5 * cdist(taxels, places, "sqeuclidean") / SPREAD**2)
     pressures = density @ (forces * PITCH**2 / (2.0 * np.pi * SPREAD**2))
     values = TaxelErrors(taxels, ERRORS, rng).read(0.0, pressures)
