@@ -36,8 +36,8 @@ deviations, in reaches."""
 VALLEY = 1.0 / 3.0
 """What is less likely than this part of the peak of its group parts such a detection."""
 WITHIN = 0.75 / (0.5 * LINK)
-"""What is not counts as likely up to three quarters of a standard deviation beside what is, in
-reaches: it may be there."""
+"""What is less likely counts as likely up to three quarters of a standard deviation beside what is,
+in reaches: it may be there."""
 PEAK = 0.5
 """A detection of any other source that is less likely than this part of its peak between two peaks
 is two."""
@@ -232,8 +232,8 @@ def detections(
     np.maximum.at(highest, groups[high], labels[high])
     labels[~high] = lowest[groups[~high]]
     several = (lowest != highest)[groups]
-    if several.any():  # the rest belongs to the nearest peak, near neighbours together
-        between, within = np.flatnonzero(several & ~high), np.flatnonzero(several & high)
+    between, within = np.flatnonzero(several & ~high), np.flatnonzero(several & high)
+    if len(between):  # the rest belongs to the nearest peak, near neighbours together
         tops = cloud.positions[within]
         dealt = cell_list(cloud.positions[between], lump)
         counts = np.diff(dealt.begins)

@@ -165,7 +165,8 @@ class Search:
             if hidden:
                 within = np.zeros(len(weights))
                 within[basin.rows] = self._weights(beside)[basin.rows]
-                basin = self._fields.places.densest(within / within.max())
+                if highest := within.max():
+                    basin = self._fields.places.densest(within / highest)
             found.append((basin, estimate(self._fields, basin, taken)))
             self._fields.put_back(hidden)
             for row, own in taken.items():

@@ -499,9 +499,10 @@ def test_voxels_are_as_likely_as_the_contact_near_them() -> None:
     seed=st.integers(0, 2**32 - 1),
     sources=st.integers(1, 4),
     surface=st.sampled_from([None, PALM, HALVES]),
+    pitch=st.sampled_from([None, 5.0, 8.0]),
 )
 def test_any_clouds_give_contacts_with_probabilities_the_same_ones_again(
-    seed: int, sources: int, surface: Surface | None
+    seed: int, sources: int, surface: Surface | None, pitch: float | None
 ) -> None:
     rng = np.random.default_rng(seed)
     clouds = []
@@ -510,6 +511,9 @@ def test_any_clouds_give_contacts_with_probabilities_the_same_ones_again(
         single = bool(rng.integers(2))
         p = rng.uniform(0.01, 0.95, n) / (max(n, 1) if single else 1)
         mm = rng.uniform(-60, 60, (n, 3)) * (1, 1, 0.1)
+        if pitch is not None:  # as taxels lie
+            grid = np.stack(np.meshgrid(np.arange(-3, 4), np.arange(-3, 4), [0]), axis=-1)
+            mm = pitch * rng.permutation(grid.reshape(-1, 3))[:n]
         kind = (REGULAR, REGULAR, SUPPORT, NULL)[int(rng.integers(4))]
         spread, others = float(rng.uniform(0.5, 20.0)), dict[str, Any]()
         if single and kind == REGULAR:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist, pdist
 
+from contactfusion.errors import ConfigurationError
 from contactfusion.readings import TactileImage
 from contactfusion_lab.experiments import skin
 from contactfusion_lab.experiments.methods import DEFAULT_METHOD
@@ -46,6 +47,12 @@ def test_presses_that_a_skin_tells_apart_are_found(tmp_path: Path) -> None:
     run_skin(1, 0.02, 7, [DEFAULT_METHOD], tmp_path)
     text = (tmp_path / "table.md").read_text()
     assert "| 6 | sets/members |" in text and (tmp_path / "skin.png").is_file()
+
+
+def test_a_rule_that_stands_twice_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="'sets/members' stands twice among the rules"):
+        run_skin(1, 0.02, 7, [DEFAULT_METHOD] * 2, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_presses_stay_two_contacts_while_taxels_err() -> None:

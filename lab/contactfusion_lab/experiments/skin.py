@@ -23,6 +23,7 @@ from contactfusion.readings import TactileImage
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.methods import DE_MORGAN, DEFAULT_METHOD, POSTERIOR, Method
 from contactfusion_lab.scenes.sensor_errors import TaxelErrors, TaxelNoise
+from contactfusion_lab.trials.choices import require_once
 from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.localisation import localisation
 from contactfusion_lab.trials.measures import CASE, TRIAL, compared, parts_of
@@ -175,7 +176,11 @@ def run_skin(count: int, apart: float, seed: int, methods: Sequence[Method], out
         seed: of all chance.
         methods: how hypotheses are fused, the first compared with the others.
         out: the folder that takes the results.
+
+    Raises:
+        ConfigurationError: a method stands twice among them.
     """
+    require_once([str(method) for method in methods], "rules")
     make_folder(out)
     rows = list[Row]()
     for name, touch in touches(seed, count, apart):
