@@ -106,9 +106,9 @@ class Row:
 
 def centres() -> FloatArray:
     """The centres of the taxels, shape (400, 3) [m], row by row as `tactile` has them."""
-    along = (np.arange(SIDE) - (SIDE - 1) / 2.0) * PITCH
-    x, y = np.meshgrid(along, along, indexing="ij")
-    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    rows, columns = np.divmod(np.arange(SIDE**2, dtype=np.float64), SIDE)
+    grid = np.stack([rows, columns, np.zeros(SIDE**2)], axis=1)
+    return (grid - [0.5 * (SIDE - 1), 0.5 * (SIDE - 1), 0.0]) * PITCH
 
 
 def pressed(count: int, apart: float, rng: np.random.Generator) -> Touch:
