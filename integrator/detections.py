@@ -32,7 +32,7 @@ samples regularly, as a skin, where as many have none that is nearer than the sp
 SAMPLED, UNSURE = 1.9, 1.5 / (0.5 * LINK)
 """A detection of such a source goes on over steps of so many spacings, or sides of voxels: beside
 and across a corner of a grid, but over no hypothesis that is missing; or of one and a half standard
-deviations, in reaches."""
+deviations, in reaches; or to the next row, which may be further away than the next in a row."""
 VALLEY = 1.0 / 3.0
 """What is less likely than this part of the peak of its group parts such a detection."""
 WITHIN = 0.75 / (0.5 * LINK)
@@ -212,7 +212,7 @@ def detections(
     nothing = Barrier(places, cells, np.full(len(places), np.inf))
     groups, count = linked(places, cells, reaches, nothing)
     sample = np.arange(0, len(places), 1 + len(places) // SAMPLES)
-    near = spacings(places, cells, sample, away)
+    near, beside = spacings(places, cells, sample, away).T
     least, spacing = np.quantile(near, (1.0 - SPACING, SPACING)).tolist()
     is_regular = spacing <= REGULAR * least
     peak = np.zeros(count)
@@ -221,6 +221,8 @@ def detections(
     steps, valleys, lump = reaches, nothing, away
     if is_regular:
         step = max(SAMPLED * max(spacing, side), UNSURE * float(np.median(reaches)))
+        if (row := float(np.median(beside))) < away:
+            step = max(step, REGULAR * row)
         steps, lump = np.minimum(reaches, 0.5 * step), max(spacing, side)
         high, valleys = _valleys(places, high, WITHIN * reaches, lump)
     elif high.all():

@@ -320,8 +320,44 @@ def linked(
 
 
 @kernel
+def _beside(
+    points: FloatArray, cells: Dealt, row: int, line: FloatArray, least: float, most: float
+) -> tuple[int, float]:
+    """The nearest other point that lies beside a line through a point, and how far beside it [m].
+
+    Args:
+        points: shape (n, 3) [m].
+        cells: the points by cells.
+        row: of the point.
+        line: shape (3,), a direction; of length 0 everything is beside it.
+        least: how far beside the line it lies at least [m].
+        most: how far from the point it lies at most [m]; without one `NONE` and `most`.
+    """
+    side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
+    px, py, pz = points[row]
+    x, y, z, nearest, squared, away = px - low[0], py - low[1], pz - low[2], NONE, most**2, most
+    j_first, j_end = _first(y, most, side, counts[1]), _end(y, most, side, counts[1])
+    k_first, k_end = _first(z, most, side, counts[2]), _end(z, most, side, counts[2])
+    for i in range(_first(x, most, side, counts[0]), _end(x, most, side, counts[0])):
+        for j in range(j_first, j_end):
+            column = (i * counts[1] + j) * counts[2]
+            for other in cells.rows[begins[column + k_first] : begins[column + k_end]]:
+                further = _squared(points, other, px, py, pz)
+                if further < squared and other != row:
+                    along = (points[other, 0] - px) * line[0] + (points[other, 1] - py) * line[1]
+                    along += (points[other, 2] - pz) * line[2]
+                    off = np.sqrt(max(further - along * along, 0.0))
+                    if off >= least:
+                        nearest, squared, away = other, further, off
+    return nearest, away
+
+
+@kernel
 def spacings(points: FloatArray, cells: Dealt, rows: Rows, most: float) -> FloatArray:
-    """How far the nearest other point is from some, at most `most` [m], shape (len(rows),).
+    """How far the others next to some points are, at most `most` [m], shape (len(rows), 2).
+
+    First that of the nearest; then how far the nearest that is at least half as far beside the line
+    through both lies beside it, as the next row of a grid does.
 
     Args:
         points: shape (n, 3) [m].
@@ -329,21 +365,14 @@ def spacings(points: FloatArray, cells: Dealt, rows: Rows, most: float) -> Float
         rows: of the points.
         most: [m].
     """
-    side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
-    found = np.empty(len(rows))
+    found = np.full((len(rows), 2), most)
     for number in range(len(rows)):
-        px, py, pz = points[rows[number]]
-        x, y, z, least = px - low[0], py - low[1], pz - low[2], most * most
-        j_first, j_end = _first(y, most, side, counts[1]), _end(y, most, side, counts[1])
-        k_first, k_end = _first(z, most, side, counts[2]), _end(z, most, side, counts[2])
-        for i in range(_first(x, most, side, counts[0]), _end(x, most, side, counts[0])):
-            for j in range(j_first, j_end):
-                column = (i * counts[1] + j) * counts[2]
-                for other in cells.rows[begins[column + k_first] : begins[column + k_end]]:
-                    squared = _squared(points, other, px, py, pz)
-                    if squared < least and other != rows[number]:
-                        least = squared
-        found[number] = np.sqrt(least)
+        row = rows[number]
+        nearest, away = _beside(points, cells, row, np.zeros(3), 0.0, most)
+        found[number, 0] = away
+        if nearest != NONE and away > 0.0:
+            line = (points[nearest] - points[row]) / away
+            found[number, 1] = _beside(points, cells, row, line, 0.5 * away, most)[1]
     return found
 
 

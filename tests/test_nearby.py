@@ -8,6 +8,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
+from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE
 from contactfusion.integrator.cells import cell_list, grouped
 from contactfusion.integrator.nearby import (
@@ -145,7 +146,20 @@ def test_spacings_are_distances_of_nearest_others(
     apart = cdist(points, points) + np.diag(np.full(count, np.inf))
     rows = np.arange(0, count, 3)
     found = spacings(points, cell_list(points, side), rows, most)
-    np.testing.assert_allclose(found, np.minimum(apart.min(axis=1), most)[rows])
+    np.testing.assert_allclose(found[:, 0], np.minimum(apart.min(axis=1), most)[rows])
+
+
+def test_beside_the_nearest_lies_the_next_row_of_a_grid_and_none_of_a_single_row() -> None:
+    def found(*points: tuple[float, float]) -> FloatArray:
+        places = 0.01 * np.array([(*point, 0.0) for point in points])
+        return 100.0 * spacings(places, cell_list(places, 0.02), np.arange(len(places)), 0.05)
+
+    oblong = [(x, 3.0 * y) for x in range(4) for y in range(3)]
+    np.testing.assert_allclose(found(*oblong), np.tile((1.0, 3.0), (12, 1)))
+    cross = found((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+    np.testing.assert_allclose(cross, np.ones((5, 2)))
+    row = found(*((x, 0.0) for x in range(4)))
+    np.testing.assert_allclose(row, np.tile((1.0, 5.0), (4, 1)))
 
 
 def test_in_a_grid_a_barrier_bars_steps_over_it_and_none_beside_it() -> None:

@@ -201,6 +201,21 @@ def test_presses_with_untouched_taxels_between_them_are_two(surface: Surface | N
     np.testing.assert_allclose(found[found[:, 0].argsort()], ends, atol=1.5)
 
 
+@pytest.mark.parametrize("pitch", [10.0, 20.0, 40.0])
+def test_a_press_on_a_skin_whose_taxels_are_longer_than_wide_is_one(pitch: float) -> None:
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(16) * 5.0, np.arange(8) * pitch))
+    taxels, spread = np.stack([x, y, np.zeros(x.size)], axis=1), pitch / 12**0.5
+
+    def pressed(*places: tuple[float, float]) -> HypothesisCloud:
+        squared = ((taxels[:, :2] - np.array(places)[:, None]) ** 2).sum(axis=2).min(axis=0)
+        likelihoods = 0.95 * np.exp(-0.5 * squared / pitch**2)
+        felt = likelihoods > 0.1
+        return emit("skin", likelihoods[felt], taxels[felt], spread)
+
+    only(pressed((36.0, 3.2 * pitch)))
+    assert len(fused(pressed((36.0, 0.5 * pitch), (36.0, 6.5 * pitch))).contacts) == 2
+
+
 def test_hypotheses_at_nearly_one_place_are_one_contact() -> None:
     ends = np.array([(4.9999999999, 0.0, 0.0), (5.0000000001, 0.0, 0.0), (5.0, 4.9999999999, 0.0)])
     only(emit("skin", (0.9, 0.2, 0.9), ends, 4.0))
