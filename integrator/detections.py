@@ -247,7 +247,7 @@ def detections(
     if not is_regular:
         return labels, np.arange(peaks, dtype=np.int32)
     owners = np.empty(peaks, np.int32)
-    owners[labels] = groups
+    owners[labels[high]] = groups[high]
     return labels, owners
 
 

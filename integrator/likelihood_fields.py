@@ -293,6 +293,8 @@ class LikelihoodFields:
             if (rivals := each.rivals(own)).any():
                 hidden[row] = self._fields[row].copy(), each.left.copy()
                 self.take_out(row, rivals)
+                if not each.left.any():  # what it explains lies off the surface
+                    self.put_back({row: hidden.pop(row)})
         return hidden
 
     def put_back(self, hidden: Hidden) -> None:

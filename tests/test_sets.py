@@ -216,6 +216,29 @@ def test_a_press_on_a_skin_whose_taxels_are_longer_than_wide_is_one(pitch: float
     assert len(fused(pressed((36.0, 0.5 * pitch), (36.0, 6.5 * pitch))).contacts) == 2
 
 
+@pytest.mark.parametrize("mirrored", [1.0, -1.0])
+def test_presses_are_as_many_from_either_side_of_a_long_row(mirrored: float) -> None:
+    taxels = np.array([*range(30), 33, 34, 35])
+    pressed = np.array([0.9, 0.1, 0.9, *[0.05] * 27, 0.9, 0.1, 0.9])
+    row = np.zeros((len(taxels), 3))
+    row[:, 0] = 6.0 * mirrored * taxels
+    assert len(fused(emit("skin", pressed, row, 6.0)).contacts) == 4
+
+
+def test_what_a_skin_feels_off_the_surface_ends_no_step() -> None:
+    x, y = (each.ravel() for each in np.meshgrid(*[np.arange(-4.0, 5.0, 2.0)] * 2))
+    square = np.stack([x, y, np.zeros(25)], axis=1) / 1e3
+    surface = Surface("hand", square, np.tile((0.0, 0.0, 1.0), (25, 1)))
+    x, y = np.meshgrid(-22.0 - 8.0 * np.arange(4), 8.0 * np.arange(-2, 3))
+    taxels = np.stack([x.ravel(), y.ravel(), np.zeros(20)], axis=1)
+    positions = np.concatenate([taxels, [(0.0, 0.0, 16.0)]]) / 1e3
+    spreads = np.array([0.01] * 20 + [0.001])
+    cloud = HypothesisCloud(
+        "skin", REGULAR, 1.0, "hand", positions, np.full(21, 0.9), spreads=spreads
+    )
+    assert fused(cloud, surface=surface).contacts
+
+
 def test_hypotheses_at_nearly_one_place_are_one_contact() -> None:
     ends = np.array([(4.9999999999, 0.0, 0.0), (5.0000000001, 0.0, 0.0), (5.0, 4.9999999999, 0.0)])
     only(emit("skin", (0.9, 0.2, 0.9), ends, 4.0))
