@@ -25,7 +25,7 @@ CELL = 4.0
 ALIKE = 0.999
 """A single contact's hypotheses state one force when their mean has that part of their strength."""
 SAMPLES = 256
-"""Of about so many hypotheses, or twice as many, the spacing is measured."""
+"""Of at most so many hypotheses, of more at least of half as many, the spacing is measured."""
 SPACING, REGULAR = 0.9, 1.2
 """The spacing of a source's hypotheses: that part of them have a neighbour that is no further. It
 samples regularly, as a skin, where as many have none that is nearer than the spacing over this."""
@@ -33,6 +33,8 @@ SAMPLED, UNSURE = 1.9, 1.5 / (0.5 * LINK)
 """A detection of such a source goes on over steps of so many spacings, or sides of voxels: beside
 and across a corner of a grid, but over no hypothesis that is missing; or of one and a half standard
 deviations, in reaches; or to the next row, which may be further away than the next in a row."""
+ROW = 1.2
+"""A step to the next row is at most so many of their spacings."""
 VALLEY = 1.0 / 3.0
 """What is less likely than this part of the peak of its group parts such a detection."""
 WITHIN = 0.75 / (0.5 * LINK)
@@ -222,7 +224,7 @@ def detections(
     if is_regular:
         step = max(SAMPLED * max(spacing, side), UNSURE * float(np.median(reaches)))
         if (row := float(np.median(beside))) < away:
-            step = max(step, REGULAR * row)
+            step = max(step, ROW * row)
         steps, lump = np.minimum(reaches, 0.5 * step), max(spacing, side)
         high, valleys = _valleys(places, high, WITHIN * reaches, lump)
     elif high.all():
