@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator.cells import Dealt, cell_list, grouped, nearest
+from contactfusion.integrator.cells import Dealt, cell_list, grouped, nearest, sparse_cells
 from contactfusion.integrator.entries import Entries
 from contactfusion.integrator.nearby import Barrier, around, linked, nearest_left, reached, spacings
 from contactfusion.integrator.store import Int64Array
@@ -244,7 +244,7 @@ def detections(
         begins, counts = dealt.begins[:-1][counts > 0], counts[counts > 0]
         rows = between[dealt.rows]
         middles = np.add.reduceat(cloud.positions[rows], begins, axis=0) / counts[:, None]
-        own = within[nearest(middles, tops, cell_list(tops, away))]
+        own = within[nearest(middles, tops, sparse_cells(tops, away))]
         labels[rows] = np.repeat(labels[own], counts)
     if not is_regular:
         return labels, np.arange(peaks, dtype=np.int32)
@@ -268,11 +268,11 @@ def _valleys(
         Which are likely, shape (n,), and the others.
     """
     tops = places[high]
-    offsets = places - tops[nearest(places, tops, cell_list(tops, side))]
+    offsets = places - tops[nearest(places, tops, sparse_cells(tops, side))]
     high = np.linalg.norm(offsets, axis=1) <= np.where(high, np.inf, within)
     if high.all():
         return high, Barrier(places, cell_list(places, side), np.full(len(places), np.inf))
     tops, lows = places[high], places[~high]
-    cells = cell_list(lows, side)
+    cells = sparse_cells(lows, side)
     clear = np.linalg.norm(tops - lows[nearest(tops, lows, cells)], axis=1)
     return high, Barrier(lows, cells, clear)

@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator import fields
-from contactfusion.integrator.cells import ROOM, cell_list, heaviest, nearest
+from contactfusion.integrator.cells import ROOM, cell_list, heaviest, nearest, sparse_cells
 
 TAIL = 0.1
 seeds = st.integers(0, 2**32 - 1)
@@ -284,3 +284,11 @@ def test_the_nearest_place_is_found_also_from_outside_of_all_cells(
     found = nearest(points, places, cell_list(places, side))
     away = np.linalg.norm(points[:, None] - places, axis=2)
     assert np.array_equal(found, away.argmin(axis=1))
+
+
+def test_a_few_places_far_apart_are_in_few_cells() -> None:
+    corners = np.array([(0.0, 0.0, 0.0), (1.2, 1.2, 0.0)])
+    assert len(sparse_cells(corners, 0.006).begins) <= 5
+    assert sparse_cells(corners[:1], 0.006).side == 0.006
+    row = np.stack([np.arange(100) * 0.005, np.zeros(100), np.zeros(100)], axis=1)
+    assert sparse_cells(row, 0.1).side == 0.1
