@@ -88,7 +88,7 @@ def cell_list(points: FloatArray, side: float) -> Dealt:
 
 
 def sparse_cells(points: FloatArray, side: float) -> Dealt:
-    """Sort points by cells for `nearest`, which walks the empty ones: hardly more cells than points.
+    """Sort points by hardly more cells than points, as `nearest` walks empty ones.
 
     Args:
         points: shape (n, 3) [m], at least one.
