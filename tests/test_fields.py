@@ -290,5 +290,6 @@ def test_a_few_places_far_apart_are_in_few_cells() -> None:
     corners = np.array([(0.0, 0.0, 0.0), (1.2, 1.2, 0.0)])
     assert len(sparse_cells(corners, 0.006).begins) <= 5
     assert sparse_cells(corners[:1], 0.006).side == 0.006
-    row = np.stack([np.arange(100) * 0.005, np.zeros(100), np.zeros(100)], axis=1)
+    row = np.zeros((100, 3))
+    row[:, 0] = np.linspace(0.0, 0.5, 100)
     assert sparse_cells(row, 0.1).side == 0.1
