@@ -1,6 +1,7 @@
 """MCAP files as tests read them: by rosbags, and by mcap-ros2-support."""
 
 import resource
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -74,9 +75,11 @@ def channel_metadata(path: Path) -> dict[str, dict[str, str]]:
 @contextmanager
 def disk_of(size: int) -> Iterator[None]:
     """Let no file grow beyond a size [bytes], as on a disk that is full then."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    limits, without = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # Python would keep modules cut off at that size
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        sys.dont_write_bytecode = without

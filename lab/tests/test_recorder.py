@@ -29,7 +29,7 @@ from contactfusion.run.session import Session
 from contactfusion.scene import Scene
 from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.scenes.push.scene import PushScene
-from tests.mcap_files import Read, Recorded, channel_metadata, read_by_rosbags
+from tests.mcap_files import Read, Recorded, channel_metadata, disk_of, read_by_rosbags
 
 SCENES = Path(__file__).parents[2] / "examples" / "scenes"
 BOX, PANDA, PUSH = (SCENES / f"{name}.yaml" for name in ("touch_box", "panda_table", "push_box"))
@@ -384,15 +384,11 @@ def test_a_name_that_no_replay_would_open_is_refused_at_once(tmp_path: Path) -> 
 
 
 def test_a_full_disk_is_one_sentence(tmp_path: Path) -> None:
-    import resource
-
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
-    try:
-        with pytest.raises(WritingError, match="a.mcap can't be written: File too large"):
-            record_scene(PUSH, ["scene.longest=2"], tmp_path / "a.mcap")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with (
+        disk_of(10_000),
+        pytest.raises(WritingError, match="a.mcap can't be written: File too large"),
+    ):
+        record_scene(PUSH, ["scene.longest=2"], tmp_path / "a.mcap")
     assert list(tmp_path.iterdir()) == [tmp_path / "a.cut.mcap"]
 
 
