@@ -26,7 +26,7 @@ from contactfusion import (
 from contactfusion.integrator.condensations import ClusterCentroid, ClusterCentroidConfig
 
 Cycles = Sequence[Sequence[Cloud]]
-CONFIG = IntegratorConfig(timeout=TIMEOUT, threshold=THRESHOLD)
+CONFIG = IntegratorConfig(rule="de_morgan", timeout=TIMEOUT, threshold=THRESHOLD)
 
 
 def received(integrator: Integrator, cloud: Cloud) -> None:
