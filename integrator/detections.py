@@ -55,6 +55,7 @@ class Cloud(NamedTuple):
         likelihoods: shape (n,).
         variances: shape (n,) [m²], of the positions by axis, as the source states them.
         force: shape (3,) [N], what the robot feels, of one that describes one contact; or None.
+        measured: shape (h, 3) [m], the newest positions, before those of a voxel become one.
     """
 
     kind: HypothesisKind
@@ -63,6 +64,7 @@ class Cloud(NamedTuple):
     likelihoods: FloatArray
     variances: FloatArray
     force: FloatArray | None
+    measured: FloatArray
 
     def picked(self, rows: NDArray[np.intp]) -> "Cloud":
         """Some of the hypotheses."""
@@ -82,14 +84,14 @@ def clouds_of(entries: Entries) -> list[Cloud]:
         given = columns.offsets[begin:end, 3] if single else columns.likelihoods[begin:end]
         variances = np.square(columns.spreads[begin:end].astype(np.float64))
         likelihoods = given.astype(np.float64)
-        force = None
+        own, force = positions[begin:end], None
         if single and felt >= 0 and source.kind == HypothesisKind.REGULAR:
             forces = columns.forces[felt : felt + end - begin, :3]
             mean, sizes = forces.sum(axis=0), np.linalg.norm(forces, axis=1).sum()
             # where the force depends on the position, as by joint torques, it is of no use here
             force = mean if np.linalg.norm(mean) > ALIKE * sizes else None
         clouds.append(
-            Cloud(source.kind, single, positions[begin:end], likelihoods, variances, force)
+            Cloud(source.kind, single, own, likelihoods, variances, force, source.positions)
         )
     return clouds
 
@@ -213,10 +215,11 @@ def detections(
     cells = cell_list(places, away)
     nothing = Barrier(places, cells, np.full(len(places), np.inf))
     groups, count = linked(places, cells, reaches, nothing)
-    sample = np.arange(0, len(places), 1 + len(places) // SAMPLES)
-    near, beside = spacings(places, cells, sample, away).T
-    least, spacing = np.quantile(near, (1.0 - SPACING, SPACING)).tolist()
-    is_regular = spacing <= REGULAR * least
+    near, beside = _spacings(places, cells, away)
+    spacing, is_regular = _regular(near)
+    if not is_regular and spacing <= REGULAR * side:  # voxels mix what is so dense
+        dealt = cell_list(cloud.measured, side)
+        is_regular = _regular(_spacings(cloud.measured, dealt, 2.0 * side)[0])[1]
     peak = np.zeros(count)
     np.maximum.at(peak, groups, cloud.likelihoods)
     high = cloud.likelihoods >= (VALLEY if is_regular else PEAK) * peak[groups]
@@ -251,6 +254,18 @@ def detections(
     owners = np.empty(peaks, np.int32)
     owners[labels[high]] = groups[high]
     return labels, owners
+
+
+def _spacings(places: FloatArray, cells: Dealt, most: float) -> FloatArray:
+    """`spacings` of a sample of places, shape (2, at most `SAMPLES`)."""
+    sample = np.arange(0, len(places), 1 + len(places) // SAMPLES)
+    return spacings(places, cells, sample, most).T
+
+
+def _regular(near: FloatArray) -> tuple[float, bool]:
+    """The spacing of a source, by its hypotheses' from their nearest [m], and if it is regular."""
+    least, spacing = np.quantile(near, (1.0 - SPACING, SPACING)).tolist()
+    return spacing, spacing <= REGULAR * least
 
 
 def _valleys(

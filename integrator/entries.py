@@ -36,14 +36,16 @@ class Source:
         resultant: of all contacts, as its newest cloud measures it.
         looked: the newest stamp at which it could detect contacts [ns], or None.
         tells: whether that is no longer ago than entries live.
+        positions: of its newest hypotheses, before those of a voxel become one, shape (h, 3) [m].
     """
 
     name: str
     kind: HypothesisKind
-    misses: float = 1.0
-    resultant: Resultant | None = None
-    looked: int | None = None
-    tells: bool = False
+    misses: float
+    resultant: Resultant | None
+    looked: int | None
+    tells: bool
+    positions: FloatArray = field(compare=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
+from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Resultant
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
@@ -107,6 +110,7 @@ class SourceRecord:
     replace: bool = False
     sensitivity: float = 0.0
     single: bool = False
+    positions: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     found_nothing: bool = False
     resultant: Resultant | None = None
     looked: int | None = None
@@ -141,7 +145,7 @@ class SourceRecord:
         if found or not cloud.notes:
             self.looked = stamp
         if len(cloud):
-            self.single = cloud.single
+            self.single, self.positions = cloud.single, cloud.positions
         self.resultant = cloud.resultant
         self.found_nothing = not found and not cloud.notes
 

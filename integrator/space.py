@@ -98,6 +98,7 @@ class Space:
             resultant=record.resultant if is_fresh else None,
             looked=record.looked,
             tells=record.looked is not None and now - record.looked <= lifetime,
+            positions=record.positions,
         )
 
     def _oldest(self, record: SourceRecord, now: int) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
@@ -15,6 +16,7 @@ from contactfusion.hypotheses import HypothesisKind, Resultant
 from contactfusion.integrator import likelihood_fields
 from contactfusion.integrator.likelihood_fields import product
 from contactfusion.integrator.sets import MOST
+from contactfusion.patches import PatchConfig, TaxelGridConfig
 from contactfusion.shapes import BodyConfig, PartConfig, ShapeConfig
 from contactfusion.surface import Surface
 from tests.clouds import NULL, REGULAR, SUPPORT, contents
@@ -190,6 +192,23 @@ def test_a_face_pressed_unevenly_or_with_a_dead_taxel_is_one(spread: float) -> N
     alive = np.delete(taxels, 14, axis=0)
     for cloud in (emit("skin", uneven, taxels, spread), emit("skin", 0.9, alive, spread)):
         assert away(only(cloud), cloud.positions.mean(axis=0) * 1e3) < 4.0
+
+
+@pytest.mark.parametrize("pitch", [0.0035, 0.006, 0.007])
+def test_presses_on_a_skin_are_two_though_voxels_mix_its_taxels(pitch: float) -> None:
+    side = IntegratorConfig(frame="hand").voxel_size
+    patch = PatchConfig(grid=TaxelGridConfig(rows=24, columns=24, pitch=(pitch, pitch)))
+    positions, taxels = patch.covered(side)
+    ends = np.array([(-3.0, 0.0, 0.0), (3.0, 0.0, 0.0)]) * pitch
+    away = np.linalg.norm(patch.centres()[:, None] - ends, axis=2).min(axis=1) / pitch
+    likelihoods = 0.95 * np.exp(-0.5 * away**2)
+    touched = (likelihoods > 0.05)[taxels]
+    for turn in Rotation.random(10, random_state=0):
+        mm = turn.apply(positions[touched]) * 1e3
+        contacts = fused(emit("skin", likelihoods[taxels][touched], mm, 4.2)).contacts
+        assert len(contacts) == 2
+        found = turn.inv().apply([contact.position for contact in contacts])
+        np.testing.assert_allclose(found[found[:, 0].argsort()], ends, atol=pitch / 2.0)
 
 
 @SURFACES
