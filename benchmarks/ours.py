@@ -127,7 +127,8 @@ def condense_again(fusion: Fusion) -> Callable[[], object]:
 
 def fresh(cloud: Cloud, threshold: float = THRESHOLD) -> Callable[[], Fusion]:
     """Prepare fusion and condensation of one cloud in an empty space."""
-    config = CONFIG.model_copy(update={"threshold": threshold})
+    most = len(cloud.likelihoods)
+    config = CONFIG.model_copy(update={"threshold": threshold, "max_hypotheses": most})
     return lambda: run_typical(Integrator(config), [cloud])
 
 
