@@ -40,7 +40,7 @@ STEADY = LIVE_CYCLES + 3
 GROWTH = (10_000, 100_000, 1_000_000, 10_000_000)
 CONDENSE_ASKED = {"Open3D cluster_dbscan": 40.0, "scipy KDTree pairs + components": 25.0}
 CONDENSE_ASKED |= {"scikit-learn DBSCAN": 100.0, "cc3d + exact merge": 1.7}
-PACKAGES = ["contactfusion", "numpy", "numba", "scipy", "open3d", "scikit-learn"]
+PACKAGES = ["contactfusion", "numpy", "numba", "scipy", "open3d-cpu", "scikit-learn"]
 PACKAGES += ["connected-components-3d"]
 
 
