@@ -24,7 +24,7 @@ LARGE = 2.0
 NEAR = 3.0
 """A single contact's positions are near a contact up to so many standard deviations from it."""
 LEAST = float(np.finfo(np.float64).tiny)
-"""No probability is less: that of a miss by hundreds of sources would be none."""
+"""No probability or agreement is less: that of hundreds of sources would be none."""
 
 UNIT = np.eye(3)
 
@@ -42,6 +42,9 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
     lengths, axes = np.linalg.eigh(scatter)
     precision = sum(1.0 / fields.spread(row) ** 2 for row in taken)
     is_wide, is_vague = lengths[-1] * precision > LARGE**2, fields.is_vague(taken)
+    own, size = _size(fields, taken, area)
+    if is_wide and not is_vague:  # two sources that disagree are no line
+        is_wide = np.linalg.eigvalsh(size)[-1] * precision > 1.0
     is_large = is_wide and not is_vague
     position = middle if is_wide else places.mode(basin)
     normal = places.normal(basin)
@@ -54,8 +57,7 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
         covariance += places.moments(basin, position)
     extent = np.array((position, position))
     if not is_vague:  # otherwise the area is where it may lie, not how large it is
-        own, size = _size(fields, taken, area, position)
-        along = (own - position) @ axes[:, -1]
+        along = np.append((own - position) @ axes[:, -1], 0.0)  # its position is among them
         extent += np.array(((along.min(),), (along.max(),))) * axes[:, -1]
         scatter = size if is_large else scatter
     shares, reach = _shares(fields, basin, taken), float(places.reaches[basin.rows].max())
@@ -102,7 +104,7 @@ def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[fl
     missed = max(missed, LEAST)
     odds = (1.0 - missed) / missed
     for row, highest in fields.supports.items():
-        wrong = 1.0 - min(highest, CERTAIN) * fields.agreement(row, basin)
+        wrong = 1.0 - min(highest, CERTAIN) * fields.supported(row, basin)
         factors[names[row]] = (1.0 - missed * wrong) / (wrong * (1.0 - missed))
         missed *= wrong
     # over where its own sources see it, so that the surer null is, the less is left
@@ -127,7 +129,7 @@ def _area(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[Rows, F
     """The area of a contact as rows of places, and the weight of each; they sum to 1.
 
     Where those sources agree that detect several contacts, and are sure; those of a single one
-    only locate it.
+    only locate it. Where these agree nowhere it is the core.
     """
     several = [
         row
@@ -135,26 +137,25 @@ def _area(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[Rows, F
         if not fields.clouds[row].single and fields.evidence[row].probability(own) >= SURE
     ]
     if several:
-        together = fields.product(several)
-        least = AGREED ** len(several) * together[basin.core].max()
+        together = fields.product(several) * fields.agreeing(several)
+        least = max(AGREED ** len(several) * together[basin.core].max(), LEAST)
         if fields.free:
             together = together * fields.seen ** len(several)
         best = basin.core[together[basin.core].argmax()]
-        area = fields.places.connected(together, least, int(best))
-        agreed = together[area] ** (1.0 / len(several))
-        return area, agreed / agreed.sum()
+        if together[best] > 0.0:
+            area = fields.places.connected(together, least, int(best))
+            agreed = together[area] ** (1.0 / len(several))
+            return area, agreed / agreed.sum()
     inside = np.isin(basin.rows, basin.core)
     return basin.core, basin.weights[inside] / basin.weights[inside].sum()
 
 
-def _size(
-    fields: LikelihoodFields, taken: Taken, area: Rows, position: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _size(fields: LikelihoodFields, taken: Taken, area: Rows) -> tuple[FloatArray, FloatArray]:
     """The positions that are strongest somewhere in an area, shape (n, 3) [m], and their scatter.
 
-    The area itself is wider, as far as positions are unsure. That of the contact is among them.
+    The area itself is wider, as far as positions are unsure.
     """
-    found, scatter, precision = [position[None]], np.zeros((3, 3)), LEAST
+    found, scatter, precision = [np.empty((0, 3))], np.zeros((3, 3)), LEAST
     for row in taken:
         cloud = fields.clouds[row]
         if cloud.single or not len(which := fields.strongest(row, area)):

@@ -175,6 +175,11 @@ class LikelihoodFields:
         """The product of the factors of some sources, shape (c,); as `product`."""
         return product(self.factors[[*rows]])
 
+    def agreeing(self, rows: Iterable[int]) -> NDArray[np.bool_]:
+        """Where all of some sources of several contacts explain what is left, shape (c,)."""
+        least = 1.0 + APART / self._floor
+        return np.asarray((self.factors[[*rows]] >= least).all(axis=0))
+
     @property
     def rows_left(self) -> list[int]:
         """The rows of the sources of which detections are left."""
@@ -266,6 +271,16 @@ class LikelihoodFields:
         if row in self._fits:
             relative *= self._fits[row][basin.rows]
         return float(relative @ basin.weights)
+
+    def supported(self, row: int, basin: Basin) -> float:
+        """How well a prediction agrees with a contact, at most 1.
+
+        That of several contacts by how far from the contact it is; the positions of one contact
+        are likelihoods of places beside each other.
+        """
+        if self.clouds[row].single:
+            return self.agreement(row, basin)
+        return float(self._fields[row].heights[basin.rows] @ basin.weights) / self.supports[row]
 
     def strongest(self, row: int, places: Rows) -> Rows:
         """The hypotheses of a source of several contacts that are strongest at some places."""

@@ -1,5 +1,6 @@
 """The rule `sets` and the condensation `members`: any number of contacts, with nothing set."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -417,13 +418,40 @@ def test_support_raises_the_likelihood_of_a_contact_and_makes_none() -> None:
     assert only(emit("skin", 0.8, (0, 0, 0)), far).likelihood == pytest.approx(0.8)
 
 
-def test_support_counts_less_where_it_is_far_away_and_no_less_where_spreads_are_too_small() -> None:
+@SURFACES
+@pytest.mark.parametrize("away_mm", [15, 25, 35])
+def test_a_vague_source_hardly_moves_a_contact_that_an_exact_one_locates(
+    away_mm: float, surface: Surface | None
+) -> None:
+    vague = emit("camera", 0.8, (away_mm, 0, 0), 10.0)
+    alone = emit("skin", 0.8, (0, 0, 0), 3.0)
+    pressed = emit("skin", 0.8 * np.exp(-0.5 * (PATCH / 5.0) ** 2).prod(axis=1), PATCH, 2.0)
+    for skin in (alone, pressed):
+        assert away(only(skin, vague, surface=surface), (0, 0, 0)) < 6.0
+
+
+@SURFACES
+def test_the_further_two_sources_are_apart_the_less_sure_is_the_position(
+    surface: Surface | None,
+) -> None:
+    spreads = []
+    for away_mm in (0, 10, 20, 30, 35):
+        other = emit("camera", 0.8, (away_mm, 0, 0), 10.0)
+        found = only(emit("skin", 0.8, (0, 0, 0), 10.0), other, surface=surface)
+        spreads.append(np.sqrt(found.covariance[0, 0]) * 1e3)
+    assert all(less < more for less, more in itertools.pairwise(spreads))
+    assert spreads[-1] > 17.0
+
+
+@SURFACES
+def test_support_counts_less_the_further_away_it_is(surface: Surface | None) -> None:
     skin, believed = emit("skin", 0.6, (0, 0, 0)), []
-    for away_mm in (0, 12, 20, 30, 35):
+    for away_mm in (0, 4, 8, 12, 20, 30):
         expected = emit("simulator", 0.9, (away_mm, 0, 0), kind=SUPPORT)
-        believed.append(only(skin, expected).likelihood)
-    assert believed[0] == believed[2] == pytest.approx(0.96)
-    assert believed[2] > believed[3] > believed[4] and believed[4] < 0.7
+        believed.append(only(skin, expected, surface=surface).likelihood)
+    assert believed[0] > 0.85
+    assert all(near > far for near, far in itertools.pairwise(believed))
+    assert believed[-1] < 0.62
 
 
 def test_a_contact_lies_where_evidence_is_left_however_much_support_is_elsewhere() -> None:
