@@ -137,12 +137,15 @@ def _area(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[Rows, F
         if not fields.clouds[row].single and fields.evidence[row].probability(own) >= SURE
     ]
     if several:
-        together = fields.product(several) * fields.agreeing(several)
-        least = max(AGREED ** len(several) * together[basin.core].max(), LEAST)
+        together, core = fields.product(several), basin.core
+        highest = (together[core] * fields.agreeing(several, core)).max()
+        least = max(AGREED ** len(several) * highest, LEAST)
+        likely = np.flatnonzero(together >= least)
+        together[likely] *= fields.agreeing(several, likely)
         if fields.free:
             together = together * fields.seen ** len(several)
-        best = basin.core[together[basin.core].argmax()]
-        if together[best] > 0.0:
+        best = core[together[core].argmax()]
+        if highest > 0.0:
             area = fields.places.connected(together, least, int(best))
             agreed = together[area] ** (1.0 / len(several))
             return area, agreed / agreed.sum()

@@ -175,10 +175,10 @@ class LikelihoodFields:
         """The product of the factors of some sources, shape (c,); as `product`."""
         return product(self.factors[[*rows]])
 
-    def agreeing(self, rows: Iterable[int]) -> NDArray[np.bool_]:
-        """Where all of some sources of several contacts explain what is left, shape (c,)."""
-        least = 1.0 + APART / self._floor
-        return np.asarray((self.factors[[*rows]] >= least).all(axis=0))
+    def agreeing(self, rows: Sequence[int], places: Rows) -> NDArray[np.bool_]:
+        """At which places all of some sources of several contacts explain what is left."""
+        factors = self.factors[np.array(rows)[:, None], places]
+        return np.asarray((factors >= 1.0 + APART / self._floor).all(axis=0))
 
     @property
     def rows_left(self) -> list[int]:
