@@ -263,7 +263,7 @@ def _spacings(places: FloatArray, cells: Dealt, most: float) -> FloatArray:
 
 
 def _regular(near: FloatArray) -> tuple[float, bool]:
-    """The spacing of a source, by its hypotheses' from their nearest [m], and if it is regular."""
+    """The spacing [m], and whether it is regular, by distances to the nearest, shape (n,) [m]."""
     least, spacing = np.quantile(near, (1.0 - SPACING, SPACING)).tolist()
     return spacing, spacing <= REGULAR * least
 

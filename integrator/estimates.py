@@ -43,7 +43,8 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
     precision = sum(1.0 / fields.spread(row) ** 2 for row in taken)
     is_wide, is_vague = lengths[-1] * precision > LARGE**2, fields.is_vague(taken)
     own, size = _size(fields, taken, area)
-    if is_wide and not is_vague:  # two sources that disagree are no line
+    if is_wide and not is_vague:
+        # points of sources that disagree are no line: its hypotheses are wider than they are unsure
         is_wide = np.linalg.eigvalsh(size)[-1] * precision > 1.0
     is_large = is_wide and not is_vague
     position = middle if is_wide else places.mode(basin)
