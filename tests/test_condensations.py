@@ -120,12 +120,12 @@ def test_a_tolerance_wider_than_the_scene_makes_one_contact() -> None:
 @pytest.mark.parametrize("tolerance", [100.0, 1e300])
 def test_a_tolerance_beyond_all_measure_is_refused_or_costs_no_more(tolerance: float) -> None:
     contacts_of({HERE: 0.5})
-    start = time.perf_counter()
+    start = time.process_time()
     try:
         assert len(contacts_of({HERE: 0.5, THERE: 0.5}, tolerance=tolerance)) == 1
     except ConfigurationError as error:
         assert error.path == "tolerance"
-    assert time.perf_counter() - start < 1.0
+    assert time.process_time() - start < 1.0
 
 
 @pytest.mark.parametrize(("min_voxels", "sizes"), [(1, [3, 1]), (2, [3]), (3, [3]), (4, [])])

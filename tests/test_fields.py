@@ -189,9 +189,9 @@ def test_one_hypothesis_kilometres_away_costs_neither_room_nor_time(
         places = np.vstack([places, FAR])
     kernel_density(places, *told, single, TAIL)
     tracemalloc.start()
-    begin = time.perf_counter()
+    begin = time.process_time()
     found = kernel_density(places, *told, single, TAIL)
-    took, (_, most) = time.perf_counter() - begin, tracemalloc.get_traced_memory()
+    took, (_, most) = time.process_time() - begin, tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert took < 1.0 and most < 5e6
     assert found == pytest.approx(by_hand(places, *told, single, TAIL), abs=0.1)
